@@ -1,0 +1,275 @@
+"""One demonstration: what was measured while a teacher performed a task, and what the teacher says about it.
+
+Demonstrations are kept in one HDF5 file in the layout that robomimic reads, with our own fields beside it:
+
+    data                     total, env_args (robomimic); schema (ours)
+      demo_0                 num_samples (robomimic); record: a JSON object of every field that is no array (ours)
+        obs/<name>           (T, d)      next_obs/<name>   (T, d)
+        actions, rewards, dones, states  T rows
+        labels (T,), final_state (S,)    ours
+
+There are no time stamps: equal demonstrations give equal bytes. Nothing in a file is ever executed.
+"""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from lfd_gym.errors import DemonstrationError
+from lfd_gym.paths import written_whole
+
+NO_LABEL = -1
+"""Label of a step in which no primitive is active."""
+SCHEMA = "lfd_gym.demonstrations/1"
+FIELDS = ("dt", "success", "env_id", "env_kwargs", "seed", "setup", "teacher", "action_layout", "actions_derived")
+"""Fields of a demonstration that are stored as JSON as they are."""
+
+
+class EntityControl(NamedTuple):
+    """How one primitive controls one entity (position, orientation or hand): the selection of thesis 2.1.2."""
+
+    primitive: int
+    """Which of the entity's own primitives this is."""
+    frame: str
+    """Frame in which its goal is constant: "world", or a tracked frame's name."""
+    space: str
+    """Task space: "cartesian" or "cylindrical" for the position, "rotation", "joints"."""
+    axes: tuple[str, ...]
+    """Per axis "position", "force" or "hold" (3 of position and orientation, 4 of the hand)."""
+
+
+class Primitive(NamedTuple):
+    """One row of the primitive table: which entities a label stands for."""
+
+    name: str
+    position: EntityControl
+    orientation: EntityControl
+    hand: EntityControl | None
+    """None where the robot has no hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """T control steps of one teacher in one setup; frozen, and every array is a read-only copy.
+
+    Raises DemonstrationError if the arrays do not fit each other.
+    """
+
+    observations: Mapping[str, np.ndarray]
+    """Per observation name (T + 1, d): before each action, and the final one; units as in the environment."""
+    actions: np.ndarray
+    """(T, A) float32 in [-1, 1]; `action_layout` has their meaning."""
+    rewards: np.ndarray
+    """(T,)."""
+    labels: np.ndarray
+    """(T,) int: row of `primitives` that was active while each action was applied, or -1."""
+    primitives: tuple[Primitive, ...]
+    """The primitive table."""
+    dt: float
+    """Control step [s]."""
+    success: bool
+    """Whether the task was solved at the end."""
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    """Constructor arguments of the environment that were not its defaults."""
+    seed: Mapping[str, int]
+    """{"teach": seed of the data set, "index": of this demonstration, "reset": seed of its `env.reset`}."""
+    setup: Mapping[str, Any]
+    """Where the objects stood."""
+    teacher: Mapping[str, Any]
+    """{"name", "noise", "mode"}."""
+    action_layout: Mapping[str, Any]
+    """`ActionLayout.to_dict()`."""
+    states: np.ndarray
+    """(T + 1, S) full simulation states."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Versions of the packages that made it."""
+    actions_derived: bool = False
+    """True if the arm was guided and the actions were inferred afterwards."""
+
+    def __post_init__(self) -> None:
+        """Copy and freeze the arrays and check their lengths."""
+        actions = _frozen(self.actions, np.float32)
+        observations = {name: _frozen(rows, np.float64) for name, rows in self.observations.items()}
+        arrays = {
+            "actions": actions,
+            "rewards": _frozen(self.rewards, np.float64),
+            "labels": _frozen(self.labels, np.int64),
+            "states": _frozen(self.states, np.float64),
+        }
+        if actions.ndim != 2 or len(actions) == 0:
+            raise DemonstrationError(f"actions have shape {actions.shape}; a demonstration needs (T, A) with T >= 1")
+        n_steps = len(actions)
+        for name, rows in observations.items():
+            _check_shape(f"observation '{name}'", rows, n_steps + 1, 2)
+        for name, ndim, length in (("rewards", 1, n_steps), ("labels", 1, n_steps), ("states", 2, n_steps + 1)):
+            _check_shape(name, arrays[name], length, ndim)
+        labels = arrays["labels"]
+        if labels.min() < NO_LABEL or labels.max() >= len(self.primitives):
+            raise DemonstrationError(
+                f"labels lie in [{labels.min()}, {labels.max()}]; "
+                f"the primitive table allows {NO_LABEL} to {len(self.primitives) - 1}"
+            )
+        if not self.dt > 0.0:
+            raise DemonstrationError(f"the time step is {self.dt} s; it must be positive")
+        for name, value in arrays.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "observations", MappingProxyType(observations))
+        object.__setattr__(self, "primitives", tuple(self.primitives))
+
+    def __len__(self) -> int:
+        """Number of actions T."""
+        return len(self.actions)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by fields (a mapping proxy cannot be pickled itself)."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return _rebuild, (type(self), values | {"observations": dict(self.observations)})
+
+    @property
+    def n_steps(self) -> int:
+        """Number of actions T."""
+        return len(self.actions)
+
+    @property
+    def duration(self) -> float:
+        """How long it took [s]."""
+        return self.n_steps * self.dt
+
+
+def check_same_environment(demonstrations: Sequence[Demonstration]) -> str:
+    """The one environment id of all demonstrations; DemonstrationError if there are none or several."""
+    ids = sorted({demonstration.env_id for demonstration in demonstrations})
+    if len(ids) != 1:
+        given = f"of {len(ids)} environments ({', '.join(ids)})" if ids else "missing"
+        raise DemonstrationError(f"the demonstrations are {given}; one or more of a single environment are needed")
+    return ids[0]
+
+
+def save_demonstrations(path: str | os.PathLike[str], demonstrations: Sequence[Demonstration]) -> None:
+    """Write all demonstrations into one file, whole or not at all; DemonstrationError if there are none."""
+    if not demonstrations:
+        raise DemonstrationError("no demonstrations to save; at least one is needed")
+    with written_whole(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+        data = file.create_group("data")
+        first = demonstrations[0]
+        env_args = {"env_name": first.env_id, "type": "gymnasium", "env_kwargs": dict(first.env_kwargs)}
+        data.attrs["schema"] = SCHEMA
+        data.attrs["total"] = sum(len(demonstration) for demonstration in demonstrations)
+        data.attrs["env_args"] = _to_json(env_args)
+        for i, demonstration in enumerate(demonstrations):
+            _write(data.create_group(f"demo_{i}"), demonstration)
+
+
+def load_demonstrations(path: str | os.PathLike[str]) -> list[Demonstration]:
+    """Read all demonstrations of a file.
+
+    Raises DemonstrationError, in one line, if the file is missing, no HDF5, truncated, of another program or schema, or
+    if its contents do not fit each other.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise DemonstrationError(f"no demonstrations at '{path}': there is no such file; 'lfd-gym teach' writes one")
+    try:
+        with h5py.File(path, "r") as file:
+            data = file.get("data")
+            schema = data.attrs.get("schema") if isinstance(data, h5py.Group) else None
+            if schema != SCHEMA:
+                found = f"schema '{schema}'" if schema else "no lfd_gym schema"
+                raise DemonstrationError(f"it has {found}; '{SCHEMA}' is read")
+            demonstrations = [_read(data[f"demo_{i}"]) for i in range(len(data))]
+    except DemonstrationError as error:
+        raise DemonstrationError(f"'{path}' is no file of demonstrations: {error}") from error
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        reason = str(error.args[0] if error.args else error).splitlines()[0]
+        raise DemonstrationError(
+            f"'{path}' is no readable HDF5 file of demonstrations, or it is truncated ({reason}); record it again"
+        ) from error
+    if not demonstrations:
+        raise DemonstrationError(f"'{path}' holds no demonstrations; at least one is needed")
+    return demonstrations
+
+
+def _rebuild(cls: type[Demonstration], values: dict[str, Any]) -> Demonstration:
+    return cls(**values)
+
+
+def _frozen(rows: Any, dtype: type) -> np.ndarray:
+    copy = np.array(rows, dtype=dtype, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def _check_shape(name: str, rows: np.ndarray, length: int, ndim: int) -> None:
+    if rows.ndim != ndim or len(rows) != length:
+        raise DemonstrationError(
+            f"{name} has shape {rows.shape}; with {length} rows and {ndim} dimensions it would fit the actions"
+        )
+
+
+def _write(group: h5py.Group, demonstration: Demonstration) -> None:
+    n_steps = len(demonstration)
+    group.attrs["num_samples"] = n_steps
+    record = {name: _plain(getattr(demonstration, name)) for name in FIELDS}
+    record["versions"] = _plain(demonstration.versions)
+    record["primitives"] = demonstration.primitives
+    group.attrs["record"] = _to_json(record)
+    dones = np.zeros(n_steps, dtype=np.int64)
+    dones[-1] = 1
+    arrays = {
+        "actions": demonstration.actions,
+        "rewards": demonstration.rewards,
+        "dones": dones,
+        "labels": demonstration.labels,
+        "states": demonstration.states[:-1],
+        "final_state": demonstration.states[-1],
+    }
+    for name, rows in demonstration.observations.items():
+        arrays[f"obs/{name}"], arrays[f"next_obs/{name}"] = rows[:-1], rows[1:]
+    for name, rows in arrays.items():
+        group.create_dataset(name, data=rows, compression="gzip", shuffle=True, track_times=False)
+
+
+def _read(group: h5py.Group) -> Demonstration:
+    record = json.loads(group.attrs["record"])
+    record["primitives"] = tuple(_primitive(row) for row in record["primitives"])
+    after = group["next_obs"]
+    return Demonstration(
+        observations={name: np.concatenate([rows[:], after[name][-1:]]) for name, rows in group["obs"].items()},
+        actions=group["actions"][:],
+        rewards=group["rewards"][:],
+        labels=group["labels"][:],
+        states=np.concatenate([group["states"][:], group["final_state"][:][None]]),
+        **record,
+    )
+
+
+def _primitive(row: list[Any]) -> Primitive:
+    name, *entities = row
+    controls = [e and EntityControl(int(e[0]), e[1], e[2], tuple(e[3])) for e in entities]
+    return Primitive(name, *controls)
+
+
+def _plain(value: Any) -> Any:
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _to_json(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, default=_to_builtin)
+
+
+def _to_builtin(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise DemonstrationError(
+        f"a demonstration cannot store a {type(value).__name__}; JSON values and arrays are possible"
+    )

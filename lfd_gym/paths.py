@@ -1,0 +1,47 @@
+"""Where the project's own files lie, in a checkout as in an installed wheel, and how files are written whole."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+
+from lfd_gym.errors import InvalidArgumentError
+
+
+def assets() -> Path:
+    """The folder of MJCF files: `lfd_gym/assets` in a wheel, `assets` beside the package in a checkout."""
+    package = Path(str(resources.files("lfd_gym")))
+    installed = package / "assets"
+    return installed if installed.is_dir() else package.parent / "assets"
+
+
+@contextmanager
+def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary path in the same folder that takes the place of `path` only if the block succeeds.
+
+    The folder is made if it is missing. Raises InvalidArgumentError where nothing can be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InvalidArgumentError(f"cannot write '{path}': it is a folder, a file name is needed")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise InvalidArgumentError(f"cannot write '{path}': {error.strerror or error}") from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

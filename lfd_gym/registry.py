@@ -1,0 +1,116 @@
+"""What there is: one visible row per environment, imported only when it is made.
+
+The registries of the other packages (`policies.LEARNERS`, `scripted_teachers.TEACHERS`) have the same form,
+`{"name": "package.module:Class"}`, and are read with the same `load`.
+"""
+
+import importlib
+import inspect
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium
+
+from lfd_gym.errors import InvalidArgumentError, MissingExtraError, UnknownNameError
+
+DEFAULT_CONTROL_HZ = 50.0
+EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}
+"""Modules that only an extra installs, and that extra."""
+
+
+class EnvironmentEntry(NamedTuple):
+    """One row of the registry of environments."""
+
+    entry_point: str
+    """Where the class is: "package.module:Class"."""
+    seconds: float
+    """Time limit of an episode [s]."""
+    kwargs: Mapping[str, Any] = {}
+    """Arguments of the constructor that differ from its defaults."""
+
+
+ENVIRONMENTS: dict[str, EnvironmentEntry] = {
+    "lfd_gym/MoveObject-v0": EnvironmentEntry("lfd_gym.envs.move_object:MoveObjectEnv", seconds=30.0),
+    "lfd_gym/LightBulb-v0": EnvironmentEntry("lfd_gym.envs.light_bulb:LightBulbEnv", seconds=90.0),
+}
+
+
+def register() -> None:
+    """Tell Gymnasium about every environment; calling it twice changes nothing."""
+    for env_id, entry in ENVIRONMENTS.items():
+        if env_id not in gymnasium.registry:
+            gymnasium.register(
+                id=env_id,
+                entry_point=entry.entry_point,
+                max_episode_steps=round(entry.seconds * DEFAULT_CONTROL_HZ),
+                kwargs=dict(entry.kwargs),
+            )
+
+
+def kebab_case(env_id: str) -> str:
+    """The task's short name: "lfd_gym/LightBulb-v0" is "light-bulb"."""
+    task = env_id.rpartition("/")[2].rpartition("-v")[0]
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", task).lower()
+
+
+def environment_id(name: str) -> str:
+    """The full id of an environment given by its short name ("light-bulb"), its full id, or "module:id".
+
+    Raises UnknownNameError.
+    """
+    if name in ENVIRONMENTS or name in gymnasium.registry or ":" in name:
+        return name
+    short = {kebab_case(env_id): env_id for env_id in ENVIRONMENTS}
+    if name not in short:
+        raise UnknownNameError("environment", name, short)
+    return short[name]
+
+
+def make(name: str, **kwargs: Any) -> gymnasium.Env:
+    """`gymnasium.make` by short name or id, with the time limit in seconds whatever `control_hz` is.
+
+    Raises UnknownNameError for an unknown environment and InvalidArgumentError for an argument it does not take.
+    """
+    env_id = environment_id(name)
+    if env_id in ENVIRONMENTS:
+        register()
+        entry = ENVIRONMENTS[env_id]
+        check_arguments(load(entry.entry_point), kwargs, f"environment '{kebab_case(env_id)}'")
+        control_hz = kwargs.get("control_hz", DEFAULT_CONTROL_HZ)
+        if isinstance(control_hz, int | float) and control_hz > 0:
+            kwargs.setdefault("max_episode_steps", round(entry.seconds * control_hz))
+    return gymnasium.make(env_id, **kwargs)
+
+
+def load(path: str) -> Any:
+    """The object at "package.module:Name"; MissingExtraError where a module of an extra is not installed."""
+    module, _, name = path.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing in EXTRAS:
+            raise MissingExtraError(name, EXTRAS[missing], missing) from error
+        raise
+
+
+def look_up(registry: Mapping[str, str], kind: str, name: str) -> Any:
+    """The class registered as `name`, imported now; UnknownNameError lists what there is."""
+    if name not in registry:
+        raise UnknownNameError(kind, name, registry)
+    return load(registry[name])
+
+
+def arguments(constructor: Any) -> dict[str, inspect.Parameter]:
+    """The named arguments that a constructor takes."""
+    kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return {n: p for n, p in inspect.signature(constructor).parameters.items() if p.kind in kinds}
+
+
+def check_arguments(constructor: Any, given: Mapping[str, Any], owner: str) -> None:
+    """Raise InvalidArgumentError, naming what is possible, if `constructor` does not take what is given."""
+    known = arguments(constructor)
+    for name in given:
+        if name not in known and name != "max_episode_steps":
+            raise InvalidArgumentError(str(UnknownNameError(f"argument of {owner}", name, known)))
