@@ -1,0 +1,107 @@
+"""The one loop that steps environments; recording and evaluation both consume it."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple, Protocol
+
+import gymnasium
+import numpy as np
+
+Observation = Mapping[str, np.ndarray]
+
+
+class Policy(Protocol):
+    """What the loop steps: Stable-Baselines3's predictor protocol, spoken by teachers, skills and agents alike.
+
+    A policy may also have `begin_episode(env, seed)`, called after each reset, if it draws random numbers or needs to
+    know the environment's spaces; a skill needs neither.
+    """
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+        """The action for one observation, and the policy's state after it."""
+        ...
+
+
+class Step(NamedTuple):
+    """One control step of one episode."""
+
+    observation: Observation
+    """What the policy saw."""
+    action: np.ndarray
+    """(A,) what it did."""
+    state: tuple[np.ndarray, ...] | None
+    """The policy's state after deciding."""
+    reward: float
+    next_observation: Observation
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
+
+
+def rollout(env: gymnasium.Env, policy: Policy, seed: int, options: Mapping[str, Any] | None = None) -> Iterator[Step]:
+    """Reset with `seed` and `options` and yield one Step after another until the episode ends."""
+    observation, _ = env.reset(seed=seed, options=None if options is None else dict(options))
+    begin_episode = getattr(policy, "begin_episode", None)
+    if begin_episode is not None:
+        begin_episode(env, seed)
+    state, episode_start = None, np.ones(1, dtype=bool)
+    ended = False
+    while not ended:
+        action, state = policy.predict(observation, state=state, episode_start=episode_start, deterministic=True)
+        following, reward, terminated, truncated, info = env.step(action)
+        yield Step(observation, action, state, float(reward), following, terminated, truncated, info)
+        observation, episode_start = following, np.zeros(1, dtype=bool)
+        ended = terminated or truncated
+
+
+class TeacherPolicy:
+    """A scripted teacher as a policy; its state is one array, the label (1,) of the primitive it performs.
+
+    The teacher's random numbers come from SeedSequence(seed of the episode, spawn_key=(2,)), a stream that the
+    environment does not draw from.
+    """
+
+    def __init__(self, teacher: Any) -> None:
+        """Wrap a teacher, anything with `reset(rng, layout, dt)` and `act(observation) -> (action, label)`."""
+        self.teacher = teacher
+
+    def begin_episode(self, env: gymnasium.Env, seed: int) -> None:
+        """Start the teacher over with the random numbers of this episode."""
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
+        self.teacher.reset(rng, env.unwrapped.action_layout, env.unwrapped.dt)
+
+    def predict(
+        self,
+        observation: Observation,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """The teacher's action, and its label as state."""
+        action, label = self.teacher.act(observation)
+        return action, (np.array([label]),)
+
+
+class RandomPolicy:
+    """Uniform random actions: the floor of every comparison."""
+
+    def begin_episode(self, env: gymnasium.Env, seed: int) -> None:
+        """Draw this episode's actions from its own stream."""
+        self.space = env.action_space
+        self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
+
+    def predict(
+        self,
+        observation: Observation,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, None]:
+        """An action drawn uniformly from the box of actions."""
+        low, high = self.space.low, self.space.high  # type: ignore[attr-defined]
+        return self.rng.uniform(low, high).astype(self.space.dtype), None
