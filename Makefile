@@ -1,0 +1,39 @@
+# Each target makes the virtual environment that it needs; run them from the checkout.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+THREADS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1
+
+.PHONY: demo test lint bench mutants clean
+
+demo: $(VENV)/installed
+	$(BIN)/lfd-gym demo --out report
+
+test: $(VENV)/installed-dev
+	$(THREADS) $(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/installed
+	$(THREADS) $(BIN)/lfd-gym bench
+
+mutants: $(VENV)/installed-dev
+	$(THREADS) $(BIN)/python tests/mutants.py
+
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(INSTALL) -e .
+	touch $@
+
+$(VENV)/installed-dev: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(INSTALL) -e '.[dev,rl]'
+	touch $@ $(VENV)/installed
+
+clean:
+	rm -rf $(VENV) build dist report .mypy_cache .pytest_cache .ruff_cache
+	find lfd_gym policies scripted_teachers tests -name __pycache__ -type d -prune -exec rm -rf {} +

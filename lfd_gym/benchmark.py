@@ -1,0 +1,122 @@
+"""What an environment costs beside the physics inside it, as a ratio that means the same on every machine."""
+
+import statistics
+import subprocess
+import sys
+from itertools import islice
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from lfd_gym.registry import make
+from lfd_gym.rollout import Policy, rollout
+
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class Benchmark(NamedTuple):
+    """Speed of one environment on one core."""
+
+    env_id: str
+    step_us: float
+    """One `env.step` [µs]."""
+    bare_us: float
+    """The `mj_step`s inside it alone, from the same states with the same torques [µs]."""
+    reset_ms: float
+    """One `env.reset` [ms]."""
+    start_s: float
+    """`import lfd_gym` and `gymnasium.make` in a fresh process, kernel cached [s]."""
+    dt: float
+    """Control step [s]."""
+
+    @property
+    def ratio(self) -> float:
+        """Cost of a step over that of its bare physics."""
+        return self.step_us / self.bare_us
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second."""
+        return self.dt / (self.step_us * 1e-6)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures, derived ones included."""
+        return self._asdict() | {"ratio": self.ratio, "real_time_factor": self.real_time_factor}
+
+
+def benchmark(env_id: str, policy: Policy, seed: int = 100000, repeats: int = 5, max_steps: int = 1000) -> Benchmark:
+    """Measure one environment while `policy` works in it.
+
+    One episode's actions are recorded and then replayed `repeats` times; each replay is timed once as `env.step` and
+    once as bare `mj_step`s that start every control step in the recorded state with the recorded controls. The median
+    of the replays counts.
+    """
+    env = make(env_id)
+    world: Any = env.unwrapped
+    actions = [step.action for step in islice(rollout(env, policy, seed), max_steps)]
+    pairs = [_replay(env, actions, seed) for _ in range(repeats)]
+    step_us = statistics.median(pair[0] for pair in pairs)
+    bare_us = statistics.median(pair[1] for pair in pairs)
+    resets = [_seconds(env, seed + i) for i in range(20)]
+    env.close()
+    return Benchmark(env_id, step_us, bare_us, 1e3 * statistics.median(resets), _start_seconds(env_id), world.dt)
+
+
+def table(rows: list[Benchmark]) -> str:
+    """The measurements as aligned text."""
+    lines = [
+        f"{'environment':<26}{'step µs':>9}{'bare µs':>9}{'ratio':>7}{'beyond µs':>11}"
+        f"{'x real time':>13}{'reset ms':>10}{'start s':>9}"
+    ]
+    for row in rows:
+        lines.append(
+            f"{row.env_id:<26}{row.step_us:>9.1f}{row.bare_us:>9.1f}{row.ratio:>7.2f}{row.step_us - row.bare_us:>11.1f}"
+            f"{row.real_time_factor:>13.1f}{row.reset_ms:>10.2f}{row.start_s:>9.2f}"
+        )
+    return "\n".join(lines)
+
+
+def _replay(env: Any, actions: list[np.ndarray], seed: int) -> tuple[float, float]:
+    """Mean time [µs] of `env.step`, and of the bare physics inside it, over one recorded episode."""
+    world = env.unwrapped
+    model, data = world.model, world.data
+    n_physics_steps = round(world.dt / world.physics_dt)
+    states = np.empty((len(actions), mujoco.mj_stateSize(model, STATE)))
+    controls = np.empty((len(actions), model.nu))
+    env.reset(seed=seed)
+    stepping = 0.0
+    for action, state, control in zip(actions, states, controls, strict=True):
+        mujoco.mj_getState(model, data, state, STATE)
+        start = perf_counter()
+        env.step(action)
+        stepping += perf_counter() - start
+        control[:] = data.ctrl
+    bare = 0.0
+    for state, control in zip(states, controls, strict=True):
+        mujoco.mj_setState(model, data, state, STATE)
+        data.ctrl[:] = control
+        start = perf_counter()
+        mujoco.mj_step(model, data, n_physics_steps)
+        bare += perf_counter() - start
+    return 1e6 * stepping / len(actions), 1e6 * bare / len(actions)
+
+
+def _seconds(env: Any, seed: int) -> float:
+    start = perf_counter()
+    env.reset(seed=seed)
+    return perf_counter() - start
+
+
+def _start_seconds(env_id: str) -> float:
+    """Median of three fresh processes, after one that fills the caches."""
+    program = (
+        "from time import perf_counter; start = perf_counter(); import gymnasium, lfd_gym; "
+        f"gymnasium.make({env_id!r}); print(perf_counter() - start)"
+    )
+    times = [
+        float(subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout)
+        for _ in range(4)
+    ]
+    return statistics.median(times[1:])

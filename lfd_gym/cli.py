@@ -1,0 +1,266 @@
+"""`lfd-gym`: demonstrate, learn, evaluate and look, from the command line.
+
+Results go to stdout as a table and to `--json` as data; what goes wrong is one line on stderr with exit code 2. Modules
+that take long to import are imported by the command that needs them, so that `--help` answers at once.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lfd_gym.errors import InvalidArgumentError, LfdGymError
+
+app = typer.Typer(
+    help="A simulated Barrett WAM learns contact-rich manipulation from a handful of demonstrations.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+EnvArgument = Annotated[str, typer.Argument(metavar="ENV", help="Task, as 'light-bulb' or as a full id.")]
+SkillArgument = Annotated[
+    str, typer.Argument(metavar="SKILL", help="Folder or file of a skill, 'teacher' or 'random'.")
+]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An argument of the constructor (repeatable).")
+]
+NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
+SeedOption = Annotated[int, typer.Option(help="Seed of the first episode.")]
+JobsOption = Annotated[int, typer.Option(help="Processes; they change nothing but time.")]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code: 0, 2 for bad input, 130 for an interrupt."""
+    try:
+        result = app(args=list(sys.argv[1:] if arguments is None else arguments), standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except (KeyboardInterrupt, typer.Abort):
+        return _complain("interrupted", 130)
+    except LfdGymError as error:
+        return _complain(str(error), 2)
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        message = error.format_message() or "a command is missing"
+        return _complain(f"{message.rstrip('.')}; 'lfd-gym --help' and 'lfd-gym COMMAND --help' say what there is", 2)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder of the report.")] = Path("report"),
+    env: Annotated[str, typer.Option(help="Task.")] = "light-bulb",
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer unseen setups and no video.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of the demonstrations.")] = 0,
+    jobs: JobsOption = 2,
+) -> None:
+    """Teach three times, learn, evaluate on unseen setups, and write a report with a video."""
+    from lfd_gym.demonstration import save_demonstrations
+    from lfd_gym.evaluation import evaluate as run_evaluation
+    from lfd_gym.recording import record
+    from lfd_gym.registry import environment_id
+    from lfd_gym.report import write_report
+
+    env_id = environment_id(env)
+    episodes, first_seed = (5 if quick else 24), 2000
+    print(f"1/4  a scripted teacher demonstrates {env_id} three times", flush=True)
+    recording = record(env_id, _teacher(env_id, 1.0), n=3, seed=seed, progress=True)
+    save_demonstrations(out / "demonstrations.h5", recording.demonstrations)
+    print("2/4  a sequence graph is learned from the demonstrations", flush=True)
+    skill = _learner("sequence-graph", {}).fit(recording.demonstrations).skill_
+    skill.save(out / "skill")
+    print(f"3/4  the skill is tried on {episodes} setups that it has never seen", flush=True)
+    evaluation = run_evaluation(env_id, skill, episodes, first_seed, jobs=jobs, progress=True)
+    print(evaluation.table(), flush=True)
+    print("4/4  report" + ("" if quick else " and video"), flush=True)
+    notes = write_report(out, recording, skill, evaluation, video=not quick)
+    for note in notes:
+        print(f"     note: {note}")
+    print(f"     {out / 'index.html'}")
+
+
+@app.command()
+def envs() -> None:
+    """List the environments."""
+    from lfd_gym.registry import ENVIRONMENTS, kebab_case
+
+    print(f"{'name':<16}{'id':<28}{'limit':>7}")
+    for env_id, entry in ENVIRONMENTS.items():
+        print(f"{kebab_case(env_id):<16}{env_id:<28}{entry.seconds:>5.0f} s")
+
+
+@app.command()
+def teach(
+    env: EnvArgument,
+    out: Annotated[Path, typer.Option(help="HDF5 file to write.")],
+    n: Annotated[int, typer.Option("-n", help="Number of demonstrations.")] = 3,
+    seed: Annotated[int, typer.Option(help="Seed of the data set.")] = 0,
+    noise: NoiseOption = 1.0,
+    settings: SetOption = None,
+) -> None:
+    """Let the scripted teacher demonstrate, and keep what was measured."""
+    from lfd_gym.demonstration import save_demonstrations
+    from lfd_gym.recording import record
+    from lfd_gym.registry import environment_id
+
+    env_id = environment_id(env)
+    demonstrations, discarded = record(
+        env_id, _teacher(env_id, noise), n=n, seed=seed, env_kwargs=parse_settings(settings), progress=True
+    )
+    save_demonstrations(out, demonstrations)
+    print(f"{'demonstration':<15}{'seconds':>8}{'primitives':>12}")
+    for demonstration in demonstrations:
+        used = len(set(demonstration.labels.tolist()) - {-1})
+        print(f"{demonstration.seed['index']:<15}{demonstration.duration:>8.1f}{used:>12}")
+    if discarded:
+        print(f"discarded because the task was not solved: {', '.join(map(str, discarded))}")
+    print(f"written to {out}")
+
+
+@app.command()
+def learn(
+    method: Annotated[str, typer.Argument(metavar="METHOD", help="Learner, such as 'sequence-graph'.")],
+    demonstrations: Annotated[list[Path], typer.Argument(metavar="DEMOS...", help="Files of demonstrations.")],
+    out: Annotated[Path, typer.Option(help="Skill to write.")],
+    settings: SetOption = None,
+) -> None:
+    """Learn a skill from demonstrations."""
+    learner = _learner(method, parse_settings(settings))
+    from lfd_gym.demonstration import check_same_environment, load_demonstrations
+
+    taught = [demonstration for path in demonstrations for demonstration in load_demonstrations(path)]
+    env_id = check_same_environment(taught)
+    skill = learner.fit(taught).skill_
+    skill.save(out)
+    print(f"{method}: learned {env_id} from {len(taught)} demonstrations, written to {out}")
+
+
+@app.command()
+def evaluate(
+    skill: SkillArgument,
+    env: EnvArgument,
+    n: Annotated[int, typer.Option("-n", help="Number of episodes.")] = 20,
+    seed: SeedOption = 100000,
+    noise: NoiseOption = 1.0,
+    jobs: JobsOption = 1,
+    json_path: Annotated[Path | None, typer.Option("--json", help="File for the report as data.")] = None,
+    settings: SetOption = None,
+) -> None:
+    """Judge a skill, the teacher or random actions on unseen setups."""
+    from lfd_gym.evaluation import evaluate as run_evaluation
+    from lfd_gym.paths import written_whole
+    from lfd_gym.registry import environment_id
+
+    env_id = environment_id(env)
+    policy = _policy(skill, env_id, noise)
+    report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=parse_settings(settings), progress=True)
+    print(report.table())
+    if json_path is not None:
+        with written_whole(json_path) as temporary:
+            temporary.write_text(report.to_json())
+
+
+@app.command()
+def render(
+    skill: SkillArgument,
+    env: EnvArgument,
+    out: Annotated[Path, typer.Option(help="Video to write (.mp4).")],
+    seed: SeedOption = 100000,
+    noise: NoiseOption = 1.0,
+    settings: SetOption = None,
+) -> None:
+    """Film one episode."""
+    from lfd_gym import rendering
+    from lfd_gym.registry import environment_id, make
+
+    env_id = environment_id(env)
+    policy = _policy(skill, env_id, noise)
+    rendering.prepare()
+    world = make(env_id, render_mode="rgb_array", **parse_settings(settings))
+    path = rendering.video_path(out)
+    count = rendering.write_video(path, rendering.frames(world, policy, seed))
+    world.close()
+    print(f"{count} pictures, {count / rendering.FRAMES_PER_SECOND:.1f} s, written to {path}")
+
+
+@app.command()
+def bench(
+    env: Annotated[str | None, typer.Argument(metavar="[ENV]", help="One task; all if left out.")] = None,
+    json_path: Annotated[Path | None, typer.Option("--json", help="File for the figures as data.")] = None,
+) -> None:
+    """Measure the speed of the environments against their bare physics."""
+    from lfd_gym.benchmark import benchmark, table
+    from lfd_gym.paths import written_whole
+    from lfd_gym.registry import ENVIRONMENTS, environment_id
+
+    ids = list(ENVIRONMENTS) if env is None else [environment_id(env)]
+    rows = [benchmark(env_id, _policy("teacher", env_id, 1.0)) for env_id in ids]
+    print(table(rows))
+    if json_path is not None:
+        with written_whole(json_path) as temporary:
+            temporary.write_text(json.dumps([row.to_dict() for row in rows], indent=2) + "\n")
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this machine has, what is missing and how to get it."""
+    from lfd_gym.doctor import examine, table
+
+    print(table(examine()))
+
+
+def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
+    """`name=value` texts as a dictionary; a value that is no JSON is a string. Raises InvalidArgumentError."""
+    parsed: dict[str, Any] = {}
+    for text in settings or ():
+        name, separator, value = text.partition("=")
+        if not (separator and name.isidentifier()):
+            raise InvalidArgumentError(f"--set {text}: it must read name=value, such as control_hz=25")
+        try:
+            parsed[name] = json.loads(value)
+        except json.JSONDecodeError:
+            parsed[name] = value
+    return parsed
+
+
+def _teacher(env_id: str, noise: float) -> Any:
+    from lfd_gym.registry import look_up
+    from scripted_teachers import TEACHERS
+
+    if not (math.isfinite(noise) and noise >= 0.0):
+        raise InvalidArgumentError(f"the noise is {noise:g}; it must be 0 or more (0 clean, 1 a human's)")
+    return look_up(TEACHERS, "teacher for", env_id)(noise=noise)
+
+
+def _learner(method: str, settings: dict[str, Any]) -> Any:
+    from lfd_gym.registry import check_arguments, look_up
+    from policies import LEARNERS
+
+    learner = look_up(LEARNERS, "method", method)
+    check_arguments(learner, settings, f"method '{method}'")
+    return learner(**settings)
+
+
+def _policy(skill: str, env_id: str, noise: float) -> Any:
+    from lfd_gym.rollout import RandomPolicy, TeacherPolicy
+
+    if skill == "teacher":
+        return TeacherPolicy(_teacher(env_id, noise))
+    if skill == "random":
+        return RandomPolicy()
+    from policies import load_skill
+
+    return load_skill(Path(skill))
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"lfd-gym: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
