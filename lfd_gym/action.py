@@ -1,0 +1,159 @@
+"""The action: the effective attractor goal. The only place that knows the layout of the action vector.
+
+Every movement primitive of the thesis, a linear attractor (2.1) as well as a mixture of them (4.9), only chooses the goal g of
+an attractor, so g is the action. All parts are scaled to [-1, 1]:
+
+| part     | size | physical meaning                                                                                   |
+|----------|------|----------------------------------------------------------------------------------------------------|
+| position | 3    | goal of the tool point, world frame [m], over the workspace box                                    |
+| rotation | 3    | rotation vector r [rad]: R_goal = exp(r) R_ref in world axes, over the rotation limits             |
+| force    | 3    | force of the tool *on the world*, world frame [N], over the force limit; below `DEAD_ZONE` of it none |
+| hand     | 4    | goal joint angles of spread and three fingers [rad]; absent where a pen is mounted                 |
+
+The dead zone is subtracted and what remains is stretched, so that force 1 is the force limit and the force starts from zero.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfd_gym import quaternion
+from lfd_gym.errors import InvalidActionError
+
+Array = NDArray[np.float64]
+
+DEAD_ZONE = 0.25
+"""Fraction of the force limit below which no force is commanded."""
+
+
+class Goal(NamedTuple):
+    """What an action means."""
+
+    position: Array
+    """Goal of the tool point, world frame, shape (3,) [m]."""
+    quaternion: Array
+    """Goal orientation of the tool (w, x, y, z), world frame."""
+    force: Array
+    """Force of the tool on the world, world frame, shape (3,) [N]; zero means none."""
+    hand: Array
+    """Goal angles of spread and fingers, shape (4,) or (0,) [rad]."""
+
+
+@dataclass(frozen=True)
+class ActionLayout:
+    """Scales of one environment's actions and the attractor that they feed; stored with every demonstration."""
+
+    workspace_low: Array
+    """Lower corner of the workspace box of the tool point, world frame, shape (3,) [m]."""
+    workspace_high: Array
+    """Upper corner, shape (3,) [m]."""
+    rotation_limit: Array
+    """Largest absolute components of the rotation vector (tilt, tilt, yaw), shape (3,) [rad]."""
+    force_limit: float
+    """Largest force [N]."""
+    hand_low: Array
+    """Smallest joint angles of the hand, shape (4,), or (0,) without a hand [rad]."""
+    hand_high: Array
+    """Largest joint angles of the hand [rad]."""
+    reference_quaternion: Array
+    """R_ref: the tool points down."""
+    alpha: float
+    """Gain of the attractor [1/s]."""
+    beta: float
+    """Gain of the attractor [1/s]."""
+    speed_limit: float
+    """Largest speed of the reference [m/s]."""
+    turn_limit: float
+    """Largest angular speed of the reference [rad/s]."""
+
+    def __post_init__(self) -> None:
+        """Own the arrays and freeze them."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type is not float and not isinstance(value, float | int):
+                array = np.array(value, dtype=np.float64)
+                array.setflags(write=False)
+                object.__setattr__(self, field.name, array)
+
+    position = slice(0, 3)
+    rotation = slice(3, 6)
+    force = slice(6, 9)
+    hand = slice(9, 13)
+
+    @property
+    def size(self) -> int:
+        """Number of components of an action."""
+        return 9 + self.hand_low.size
+
+    def check(self, action: ArrayLike) -> Array:
+        """The action as float64, clipped to [-1, 1]. Raises InvalidActionError for wrong shapes and values."""
+        array = np.asarray(action, dtype=np.float64)
+        if array.shape != (self.size,):
+            raise InvalidActionError(f"action of shape {array.shape}; expected ({self.size},)")
+        if not np.isfinite(array).all():
+            where = ", ".join(map(str, np.flatnonzero(~np.isfinite(array))))
+            raise InvalidActionError(f"action is not finite in component {where}; expected numbers in [-1, 1]")
+        return np.clip(array, -1.0, 1.0)
+
+    def decode(self, action: ArrayLike) -> Goal:
+        """The physical meaning of an action; finite values outside [-1, 1] are clipped."""
+        a = self.check(action)
+        position = self.workspace_low + 0.5 * (a[self.position] + 1.0) * (self.workspace_high - self.workspace_low)
+        turn = quaternion.from_rotation_vector(a[self.rotation] * self.rotation_limit)
+        magnitude = float(np.sqrt(a[self.force] @ a[self.force]))
+        scale = 0.0
+        if magnitude > DEAD_ZONE:
+            scale = self.force_limit * min((magnitude - DEAD_ZONE) / (1.0 - DEAD_ZONE), 1.0) / magnitude
+        hand = self.hand_low + 0.5 * (a[self.hand] + 1.0) * (self.hand_high - self.hand_low)
+        return Goal(
+            position, quaternion.multiply(turn, self.reference_quaternion), a[self.force] * scale, hand
+        )
+
+    def encode(
+        self, position: ArrayLike, quaternion_: ArrayLike, force: ArrayLike = (0.0, 0.0, 0.0), hand: ArrayLike = ()
+    ) -> NDArray[np.float32]:
+        """The action for a physical goal, as far as the box allows; inverse of `decode` inside it.
+
+        Raises:
+            InvalidActionError: the number of hand angles does not fit.
+        """
+        out = np.empty(self.size)
+        out[self.position] = 2.0 * (np.asarray(position) - self.workspace_low) / (
+            self.workspace_high - self.workspace_low
+        ) - 1.0
+        relative = quaternion.multiply(np.asarray(quaternion_, float), quaternion.conjugate(self.reference_quaternion))
+        out[self.rotation] = quaternion.to_rotation_vector(relative) / self.rotation_limit
+        f = np.asarray(force, float)
+        magnitude = float(np.sqrt(f @ f))
+        stretched = DEAD_ZONE + (1.0 - DEAD_ZONE) * min(magnitude / self.force_limit, 1.0)
+        out[self.force] = 0.0 if magnitude == 0.0 else f * (stretched / magnitude)
+        angles = np.asarray(hand, float)
+        if angles.shape != self.hand_low.shape:
+            raise InvalidActionError(f"{angles.size} hand angles; expected {self.hand_low.size}")
+        if angles.size:
+            out[self.hand] = 2.0 * (angles - self.hand_low) / (self.hand_high - self.hand_low) - 1.0
+        return np.clip(out, -1.0, 1.0).astype(np.float32)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-able fields; `from_dict` is the inverse."""
+        return {
+            f.name: value.tolist() if isinstance(value := getattr(self, f.name), np.ndarray) else float(value)
+            for f in fields(self)
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "ActionLayout":
+        """The layout that `to_dict` wrote."""
+        return cls(**values)
+
+    def __eq__(self, other: object) -> bool:
+        """Equal where every number is."""
+        return isinstance(other, ActionLayout) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        """Hash of the numbers."""
+        return hash(json.dumps(self.to_dict()))

@@ -1,0 +1,383 @@
+"""The base of all tasks: one robot, one controller, one clock; a task adds objects, a predicate and its rewards."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium.spaces import Box, Dict
+from numpy.typing import ArrayLike, NDArray
+
+from lfd_gym import quaternion, wam
+from lfd_gym.action import ActionLayout
+from lfd_gym.errors import InvalidArgumentError, InvalidSetupError
+from lfd_gym.robot import Robot
+
+Array = NDArray[np.float64]
+
+PHYSICS_HZ = 500
+HOLD_TIME = 1.0
+"""Success must hold this long [s]."""
+REWARD_TYPES = ("sparse", "dense")
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_FRAME_LOW, _FRAME_HIGH = np.array([-5.0] * 3 + [-1.0] * 4), np.array([5.0] * 3 + [1.0] * 4)
+
+
+class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
+    """A WAM with a tool over a table; subclasses declare the task.
+
+    **Action**: `Box(-1, 1)`, the effective attractor goal, see `lfd_gym.action`.
+
+    **Observation**: a flat dictionary of bounded arrays in SI units; quaternions are (w, x, y, z).
+
+    | key                                        | size | meaning                                                        |
+    |--------------------------------------------|------|----------------------------------------------------------------|
+    | `joint_position`, `joint_velocity`         | 7    | of the arm                                                     |
+    | `tool_position`, `tool_quaternion`         | 3, 4 | pose of the tool point, world (quaternion in the half space of "down") |
+    | `tool_velocity`                            | 6    | linear, angular, world axes                                    |
+    | `reference_position`, `_quaternion`, `_velocity` | 3, 4, 6 | of the attractor inside the controller                  |
+    | `wrench`                                   | 6    | force, torque that the world exerts on the tool, world axes, about the sensor, mean over the step |
+    | `hand_position`, `hand_torque`             | 4    | spread and three fingers (absent with a pen)                   |
+    | `frame_<name>`                             | 7    | position and quaternion (w >= 0) of a tracked object           |
+
+    **Reward**: `sparse` is 1 while the success has held for a second, else 0; `dense` adds the task's progress in [0, 1).
+
+    **Info** (the same keys in `reset` and `step`): `is_success`, `success` (alias), `broken`, and `subtask/<name>`.
+
+    Args:
+        reward_type: "sparse" or "dense".
+        control_hz: decisions per second; divides the physics rate of 500 Hz.
+        terminate_on_success: end the episode when success has held for a second.
+        fingertip_friction: sliding friction of the fingertips, at most 1.2.
+        render_mode: None, "rgb_array" or "human".
+        width, height: of rendered frames [px].
+        camera: name of a camera of the scene.
+
+    Raises:
+        InvalidArgumentError: an argument lies outside what is possible.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 50}
+
+    scene: ClassVar[str]
+    """File of the scene in `assets/`."""
+    tool: ClassVar[str] = "hand"
+    tool_offset: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
+    """Displacement of the tool point in the tool's axes [m]."""
+    frames: ClassVar[tuple[str, ...]]
+    """Bodies whose poses are tracked, each observed as `frame_<name>`."""
+    subtasks: ClassVar[tuple[str, ...]]
+    """How far the task got, reported as `subtask/<name>`."""
+    layout: ClassVar[ActionLayout]
+    time_limit: ClassVar[float]
+    """Length of an episode [s]; the step limit that Gymnasium shows is that of 50 decisions per second."""
+    n_hidden: ClassVar[int] = 0
+    """Size of the task's own hidden memory, which is part of the state."""
+
+    def __init__(
+        self,
+        reward_type: str = "sparse",
+        control_hz: float = 50.0,
+        terminate_on_success: bool = True,
+        fingertip_friction: float = 1.0,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        camera: str = "overview",
+    ) -> None:
+        if reward_type not in REWARD_TYPES:
+            raise InvalidArgumentError(f"reward_type '{reward_type}'; possible: {', '.join(REWARD_TYPES)}")
+        if not control_hz > 0 or PHYSICS_HZ % control_hz:
+            raise InvalidArgumentError(f"control_hz {control_hz} does not divide {PHYSICS_HZ}; for example 50, 25 or 10 do")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: rgb_array, human")
+        if not 0.0 < fingertip_friction <= wam.MAX_FINGERTIP_FRICTION:
+            raise InvalidArgumentError(f"fingertip_friction {fingertip_friction}; possible: above 0, up to 1.2")
+        self.reward_type, self.terminate_on_success = reward_type, terminate_on_success
+        self.render_mode, self._size, self._camera = render_mode, (height, width), camera
+        self.action_layout = self.layout
+        self.physics_dt, self.dt = 1.0 / PHYSICS_HZ, 1.0 / control_hz
+        self._n_substeps = int(PHYSICS_HZ // control_hz)
+        self.metadata = {**self.metadata, "render_fps": round(control_hz)}
+
+        spec = wam.scene_spec(self.scene, self.tool, self.tool_offset)
+        self.model = spec.compile()
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.data = mujoco.MjData(self.model)
+        for i in range(self.model.ngeom):
+            if self.model.geom(i).name.endswith("_tip"):
+                self.model.geom_friction[i, 0] = fingertip_friction
+        self.robot = Robot(self.model, self.data, self.tool, self.layout)
+        self._randomised: list[Array] = []
+        """Views of the model fields that a reset may change; they are part of the state."""
+        self._hidden = np.zeros(self.n_hidden)
+        self._held = 0.0
+        self._setup: dict[str, Any] = {}
+        self._frame_views = [(self.data.body(name).xpos, self.data.body(name).xquat) for name in self.frames]
+        self._nominal: list[Array] | None = None
+        self._build_spaces()
+        self.build()
+        self._renderer: Any = None
+
+    # what a task provides
+
+    def build(self) -> None:
+        """Look up what the task needs once and register the model fields that it varies with `vary`."""
+
+    def sample_setup(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Where the objects stand: {object: {"position": [x, y], "yaw": angle}}."""
+        raise NotImplementedError
+
+    def check_setup(self, setup: Mapping[str, Any]) -> None:
+        """Raise InvalidSetupError for a setup that cannot be."""
+        raise NotImplementedError
+
+    def place(self, setup: Mapping[str, Any]) -> None:
+        """Put the objects into the simulation."""
+        raise NotImplementedError
+
+    def randomise(self, rng: np.random.Generator) -> None:
+        """Draw what varies and is hidden; the fields have their nominal values before."""
+
+    def after_physics(self) -> None:
+        """What the world does between two control steps (a thread that ends)."""
+
+    def succeeded(self) -> bool:
+        """The predicate: does the simulation's truth show the task done at this moment."""
+        raise NotImplementedError
+
+    def progress(self) -> float:
+        """Dense reward in [0, 1]."""
+        raise NotImplementedError
+
+    def subtask_flags(self) -> tuple[bool, ...]:
+        """One flag for each name of `subtasks`."""
+        raise NotImplementedError
+
+    # Gymnasium
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Begin an episode on a random setup, or on `options={"setup": {object: {"position": [x, y], "yaw": a}}}`.
+
+        Objects that the setup does not name are drawn at random around those that it does.
+
+        Raises:
+            InvalidSetupError: an object is unknown, out of reach, or overlaps another.
+        """
+        super().reset(seed=seed)
+        unknown = set(options or ()) - {"setup"}
+        if unknown:
+            raise InvalidArgumentError(f"reset option '{sorted(unknown)[0]}' is unknown; possible: setup")
+        wanted = (options or {}).get("setup")
+        mujoco.mj_resetData(self.model, self.data)
+        self._restore_nominal()
+        self._setup = self._draw_setup(wanted)
+        self._hidden[:] = 0.0
+        self.randomise(self.np_random)
+        if self._randomised:
+            mujoco.mj_setConst(self.model, self.data)
+            mujoco.mj_resetData(self.model, self.data)
+        self.place(self._setup)
+        self.robot.reset()
+        self._held = 0.0
+        return self._observe(), self._info(self.succeeded())
+
+    def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
+        """Command a goal for one control step. Raises InvalidActionError for NaN and wrong shapes."""
+        self.robot.command(self.layout.decode(action))
+        model, data, tick = self.model, self.data, self.robot.tick
+        for _ in range(self._n_substeps):
+            tick()
+            mujoco.mj_step2(model, data)
+            mujoco.mj_step1(model, data)
+        self.after_physics()
+        holds = self.succeeded()
+        self._held = self._held + self.dt if holds else 0.0
+        info = self._info(holds)
+        terminated = info["broken"] or (self.terminate_on_success and info["is_success"])
+        if info["is_success"]:
+            reward = 1.0
+        else:
+            reward = 0.0 if self.reward_type == "sparse" else 0.95 * self.progress()
+        if self.render_mode == "human":
+            self.render()
+        return self._observe(), reward, terminated, bool(data.time >= self.time_limit - 1e-9), info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """An image (height, width, 3) in mode "rgb_array"; a viewer window in mode "human"."""
+        if self.render_mode is None:
+            raise InvalidArgumentError("nothing to render: make the environment with render_mode='rgb_array' or 'human'")
+        if self._renderer is None:
+            from lfd_gym import rendering
+
+            self._renderer = rendering.renderer(self.model, self.data, self.render_mode, self._size, self._camera)
+        return self._renderer.frame(self.decorate)
+
+    def decorate(self, scene: mujoco.MjvScene) -> None:
+        """Add to a rendered scene what is not physical (ink); nothing by default."""
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    # state
+
+    def setup(self) -> dict[str, Any]:
+        """Where the objects stood at the reset, in the form that `options={"setup": ...}` takes."""
+        return {name: dict(pose) for name, pose in self._setup.items()}
+
+    def get_state(self) -> Array:
+        """Everything that the future depends on, as one flat float64 array of constant size.
+
+        Simulation (`mjSTATE_INTEGRATION`), sensors, controller, varied model fields, timers and random generator.
+        """
+        physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, physics, _STATE)
+        varied = [view.ravel() for view in self._randomised]
+        return np.concatenate(
+            [physics, self.data.sensordata, self.robot.get_state(), *varied, self._hidden, [self._held], self._rng_state()]
+        )
+
+    def set_state(self, state: ArrayLike) -> None:
+        """Restore what `get_state` returned, also in a fresh process. Raises InvalidArgumentError for another size."""
+        array = np.asarray(state, dtype=np.float64)
+        expected = self.get_state().shape
+        if array.shape != expected:
+            raise InvalidArgumentError(f"state of shape {array.shape}; expected {expected}")
+        sizes = [mujoco.mj_stateSize(self.model, _STATE), self.model.nsensordata, self.robot.state_size]
+        sizes += [view.size for view in self._randomised] + [self.n_hidden, 1]
+        physics, sensors, robot, *varied, hidden, held, rng = np.split(array, np.cumsum(sizes))
+        for view, values in zip(self._randomised, varied, strict=True):
+            view[...] = values.reshape(view.shape)
+        if self._randomised:
+            mujoco.mj_setConst(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, physics, _STATE)
+        mujoco.mj_step1(self.model, self.data)
+        self.data.sensordata[:] = sensors
+        self.robot.set_state(robot)
+        self._hidden[:], self._held = hidden, float(held[0])
+        self._set_rng_state(rng)
+
+    # inside
+
+    def vary(self, *fields: Array) -> None:
+        """Register views of model fields that `randomise` changes."""
+        self._randomised += fields
+
+    def within(self, name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
+        """Raise InvalidSetupError where an object does not stand in its area."""
+        p = np.asarray(position, dtype=np.float64)
+        if p.shape != (2,) or not np.isfinite(p).all():
+            raise InvalidSetupError(f"position {position!r} of '{name}'; expected [x, y] in metres")
+        if (p < np.asarray(low) - 1e-9).any() or (p > np.asarray(high) + 1e-9).any():
+            raise InvalidSetupError(
+                f"'{name}' at {p.tolist()} is out of reach; possible: x in {[low[0], high[0]]}, y in {[low[1], high[1]]}"  # type: ignore[index]
+            )
+
+    def _draw_setup(self, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
+        fresh = self.sample_setup(self.np_random)
+        if wanted is None:
+            return fresh
+        if not isinstance(wanted, Mapping):
+            raise InvalidSetupError(f"setup {wanted!r}; expected a mapping of object to {{position, yaw}}")
+        for name, pose in wanted.items():
+            if name not in fresh:
+                raise InvalidSetupError(f"no object '{name}' in the setup; possible: {', '.join(fresh)}")
+            unknown = set(pose) - set(fresh[name]) if isinstance(pose, Mapping) else {repr(pose)}
+            if unknown:
+                raise InvalidSetupError(f"'{sorted(unknown)[0]}' of '{name}'; possible: {', '.join(fresh[name])}")
+        complete = set(wanted) == set(fresh)
+        for _ in range(1000):
+            setup = {name: {**pose, **wanted.get(name, {})} for name, pose in fresh.items()}
+            try:
+                self.check_setup(setup)
+            except InvalidSetupError:
+                if complete:
+                    raise
+                fresh = self.sample_setup(self.np_random)
+                continue
+            return {n: {k: np.asarray(v, float).tolist() for k, v in p.items()} for n, p in setup.items()}
+        self.check_setup(setup)
+        raise InvalidSetupError("no room for the objects that the setup does not name")
+
+    def _restore_nominal(self) -> None:
+        if self._nominal is None:
+            self._nominal = [view.copy() for view in self._randomised]
+        for view, values in zip(self._randomised, self._nominal, strict=True):
+            view[...] = values
+
+    def _build_spaces(self) -> None:
+        joints = self.model.jnt_range[: wam.N_JOINTS]
+        seven, three = np.full(7, 20.0), np.full(3, 5.0)
+        twist = np.array([10.0] * 3 + [40.0] * 3)
+        wrench = np.array([2000.0] * 3 + [500.0] * 3)
+        unit = np.ones(4)
+        bounds: dict[str, tuple[Array, Array]] = {
+            "joint_position": (joints[:, 0] - 0.2, joints[:, 1] + 0.2),
+            "joint_velocity": (-seven, seven),
+            "tool_position": (-three, three),
+            "tool_quaternion": (-unit, unit),
+            "tool_velocity": (-twist, twist),
+            "reference_position": (-three, three),
+            "reference_quaternion": (-unit, unit),
+            "reference_velocity": (-twist, twist),
+            "wrench": (-wrench, wrench),
+        }
+        if self.tool == "hand":
+            bounds["hand_position"] = (np.array(wam.HAND_LOW) - 0.2, np.array(wam.HAND_HIGH) + 0.2)
+            bounds["hand_torque"] = (-5.0 * unit, 5.0 * unit)
+        for name in self.frames:
+            bounds[f"frame_{name}"] = (_FRAME_LOW, _FRAME_HIGH)
+        self._low = np.concatenate([low for low, _ in bounds.values()])
+        self._high = np.concatenate([high for _, high in bounds.values()])
+        ends = np.cumsum([low.size for low, _ in bounds.values()])
+        self._slices = {
+            key: slice(int(end) - low.size, int(end)) for (key, (low, _)), end in zip(bounds.items(), ends, strict=True)
+        }
+        self.observation_space = Dict({key: Box(low, high, dtype=np.float64) for key, (low, high) in bounds.items()})
+        self.action_space = Box(-1.0, 1.0, (self.layout.size,), np.float32)
+
+    def _observe(self) -> dict[str, Array]:
+        flat = np.empty(self._low.size)
+        end = self.robot.observe(flat)
+        for position, orientation in self._frame_views:
+            flat[end : end + 3] = position
+            flat[end + 3 : end + 7] = orientation if orientation[0] >= 0.0 else -orientation
+            end += 7
+        np.maximum(flat, self._low, out=flat)
+        np.minimum(flat, self._high, out=flat)
+        return {key: flat[where] for key, where in self._slices.items()}
+
+    def _info(self, holds: bool) -> dict[str, Any]:
+        success = holds and self._held >= HOLD_TIME - 1e-9
+        broken = not bool(np.isfinite(self.data.qacc).all() and np.isfinite(self.data.qpos).all())
+        info: dict[str, Any] = {"is_success": success, "success": success, "broken": broken}
+        for name, flag in zip(self.subtasks, self.subtask_flags(), strict=True):
+            info[f"subtask/{name}"] = bool(flag)
+        return info
+
+    def _rng_state(self) -> Array:
+        """The generator's state as exactly representable 32-bit pieces."""
+        state = self.np_random.bit_generator.state
+        numbers = [(state["state"][key] >> shift) & 0xFFFFFFFF for key in ("state", "inc") for shift in (0, 32, 64, 96)]
+        return np.array([*numbers, state["has_uint32"], state["uinteger"]], dtype=np.float64)
+
+    def _set_rng_state(self, numbers: Array) -> None:
+        pieces = [int(n) for n in numbers]
+        state = self.np_random.bit_generator.state
+        state["state"] = {
+            key: sum(piece << shift for piece, shift in zip(pieces[i : i + 4], (0, 32, 64, 96), strict=True))
+            for key, i in (("state", 0), ("inc", 4))
+        }
+        state["has_uint32"], state["uinteger"] = pieces[8], pieces[9]
+        self.np_random.bit_generator.state = state
+
+
+def upright(yaw: float) -> Array:
+    """Quaternion of an object that stands upright, turned by `yaw` [rad]."""
+    return quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw]))

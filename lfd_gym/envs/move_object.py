@@ -1,0 +1,144 @@
+"""Move an object to a target (thesis 2.5.1)."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from dm_control.utils.rewards import tolerance
+
+from lfd_gym import wam
+from lfd_gym.action import ActionLayout
+from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
+from lfd_gym.errors import InvalidSetupError
+
+AREA_LOW, AREA_HIGH = np.array([0.48, -0.25]), np.array([0.73, 0.25])
+"""Where object and target may stand, x and y [m]."""
+MIN_DISTANCE = 0.15
+HEIGHT = 0.045
+"""Height of the standing object's centre [m]."""
+TOLERANCE = 0.02
+CLEARANCE = 0.10
+
+
+class MoveObjectEnv(ManipulationEnv):
+    """Grasp an object, put it on a target, let go and withdraw (thesis 2.5.1, Figure 2.7).
+
+    | what           |                                                                                                    |
+    |----------------|----------------------------------------------------------------------------------------------------|
+    | frames         | `object` (its centre), `target` (on the table)                                                     |
+    | start          | object and target anywhere in 25 x 50 cm, any yaw, at least 15 cm apart                            |
+    | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0                                                    |
+    | success        | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away    |
+    | subtasks       | `grasped` (lifted by 2 cm), `at_target`, `released`                                                |
+    | dense reward   | reach 0.3, grasp and lift 0.2, carry 0.3, release and withdraw 0.15                                |
+    | time limit     | 30 s                                                                                               |
+
+    Workspace of the tool point: x 0.43-0.78, y -0.30-0.30, z 0.01-0.40 m; tilt 0.3 rad, yaw 1.6 rad; alpha 16, beta 4 1/s.
+    Other arguments: see `ManipulationEnv`.
+
+    Version history: v0, first version.
+    """
+
+    scene = "move_object.xml"
+    frames = ("object", "target")
+    subtasks = ("grasped", "at_target", "released")
+    time_limit = 30.0
+    layout = ActionLayout(
+        workspace_low=np.array([0.43, -0.30, 0.01]),
+        workspace_high=np.array([0.78, 0.30, 0.40]),
+        rotation_limit=np.array([0.3, 0.3, 1.6]),
+        force_limit=20.0,
+        hand_low=np.array(wam.HAND_LOW),
+        hand_high=np.array(wam.HAND_HIGH),
+        reference_quaternion=wam.TOOL_DOWN,
+        alpha=16.0,
+        beta=4.0,
+        speed_limit=0.5,
+        turn_limit=1.8,
+    )
+
+    def build(self) -> None:
+        """Find the object and register its mass and friction."""
+        model, body = self.model, self.model.body("object").id
+        self._geom = model.geom("object").id
+        self._mass, self._inertia = model.body_mass[body : body + 1], model.body_inertia[body]
+        self._friction = model.geom_friction[self._geom, 0:1]
+        self.vary(self._mass, self._inertia, self._friction)
+        self._pose = self.data.joint("object_joint").qpos
+        self._twist = self.data.joint("object_joint").qvel
+        self._object, self._target = self.data.body("object").xpos, self.data.body("target").xpos
+        self._tool = self.data.site("hand/tool").xpos
+
+    def sample_setup(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Uniform in the area, by rejection of pairs that are too close."""
+        while True:
+            places = rng.uniform(AREA_LOW, AREA_HIGH, (2, 2))
+            if np.linalg.norm(places[0] - places[1]) >= MIN_DISTANCE:
+                yaws = rng.uniform(-math.pi, math.pi, 2)
+                return {
+                    name: {"position": place.tolist(), "yaw": float(yaw)}
+                    for name, place, yaw in zip(self.frames, places, yaws, strict=True)
+                }
+
+    def check_setup(self, setup: Mapping[str, Any]) -> None:
+        """Both in the area and apart."""
+        for name in self.frames:
+            self.within(name, setup[name]["position"], AREA_LOW, AREA_HIGH)
+        distance = np.linalg.norm(np.subtract(setup["object"]["position"], setup["target"]["position"]))
+        if distance < MIN_DISTANCE - 1e-9:
+            raise InvalidSetupError(f"object and target are {distance:.3f} m apart; possible: at least {MIN_DISTANCE} m")
+
+    def place(self, setup: Mapping[str, Any]) -> None:
+        """The object stands on the table, the target lies on it."""
+        self._pose[:2], self._pose[2] = setup["object"]["position"], HEIGHT
+        self._pose[3:] = upright(setup["object"]["yaw"])
+        self.data.mocap_pos[0, :2], self.data.mocap_pos[0, 2] = setup["target"]["position"], 0.0
+        self.data.mocap_quat[0] = upright(setup["target"]["yaw"])
+
+    def randomise(self, rng: np.random.Generator) -> None:
+        """Mass (with its inertia) and friction of the object."""
+        factor = rng.uniform(0.1, 0.2) / self._mass[0]
+        self._mass *= factor
+        self._inertia *= factor
+        self._friction[0] = rng.uniform(0.6, 1.0)
+
+    def _untouched(self) -> bool:
+        """The object touches nothing but what is fixed to the world."""
+        contact, geom_body = self.data.contact, self.model.geom_bodyid
+        pairs = contact.geom
+        other = np.where(pairs[:, 0] == self._geom, pairs[:, 1], pairs[:, 0])[(pairs == self._geom).any(axis=1)]
+        return not bool(self.model.body_weldid[geom_body[other]].any())
+
+    def _off_target(self) -> float:
+        dx, dy = self._object[0] - self._target[0], self._object[1] - self._target[1]
+        return math.hypot(dx, dy)
+
+    def _standing(self) -> bool:
+        return abs(self._object[2] - HEIGHT) < 0.005 and abs(self.data.body("object").xmat[8]) > 0.98
+
+    def succeeded(self) -> bool:
+        """Standing at rest on the target, free, the tool withdrawn."""
+        return (
+            self._off_target() < TOLERANCE
+            and self._standing()
+            and float(np.abs(self._twist[:3]).max()) < 0.02
+            and math.dist(self._tool, self._object) > CLEARANCE
+            and self._untouched()
+        )
+
+    def subtask_flags(self) -> tuple[bool, ...]:
+        """Lifted, on target, free."""
+        lifted = self._object[2] > HEIGHT + 0.02
+        return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched()
+
+    def progress(self) -> float:
+        """Reach, lift, carry, withdraw."""
+        reach = tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
+        lift = tolerance(self._object[2] - HEIGHT, (0.02, math.inf), margin=0.02)
+        carry = tolerance(self._off_target(), (0.0, TOLERANCE), margin=0.4)
+        placed = self._off_target() < TOLERANCE and self._standing()
+        if not placed:
+            return float(0.3 * reach + 0.2 * lift + 0.3 * carry)
+        withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
+        return float(0.8 + 0.15 * withdrawn * self._untouched())

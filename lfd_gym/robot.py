@@ -1,0 +1,133 @@
+"""The robot in one simulation: what it is told, what it measures, and its controller at the physics rate."""
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym import controller, quaternion, servo, wam
+from lfd_gym.action import ActionLayout, Goal
+
+Array = NDArray[np.float64]
+
+
+FRICTION_COMPENSATION = 0.7
+"""Fraction of the joints' Coulomb friction that the controller feeds forward; all of it would make limit cycles."""
+
+
+class Robot:
+    """A WAM with its tool and controller.
+
+    Args:
+        model, data: the simulation, the arm first in the tree.
+        tool: "hand" or "pen".
+        layout: workspace and attractor of the environment.
+        stiffness: of the PID that tracks the reference [1/s^2]; its damping is critical.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, tool: str, layout: ActionLayout, stiffness: float = 900.0
+    ) -> None:
+        self.model, self.data, self.layout = model, data, layout
+        self._settings = np.zeros(1, servo.SETTINGS)
+        self._command = np.zeros(1, servo.COMMAND)
+        self._memory = np.zeros(1, servo.MEMORY)
+        self._handles = wam.handles(model, data, tool)
+        self._write_settings(tool, stiffness)
+        self.tick = self._bind()
+        self._site = data.site(f"{tool}/tool")
+        self._sensor = data.site(f"{tool}/wrist_sensor")
+        self._joints = data.qpos[: wam.N_JOINTS], data.qvel[: wam.N_JOINTS]
+        self._hand_force = data.actuator_force[wam.N_JOINTS :]
+        record = self._memory[0]
+        self._reference = record["position"], record["quaternion"], record["velocity"], record["tool_velocity"]
+        self._wrench_sum = record["wrench_sum"]
+        self.state_size = servo.MEMORY.itemsize // 8
+
+    def _write_settings(self, tool: str, stiffness: float) -> None:
+        n, s, model = wam.N_JOINTS, self._settings[0], self.model
+        for name in ("alpha", "beta", "speed_limit", "turn_limit", "workspace_low", "workspace_high"):
+            s[name] = getattr(self.layout, name)
+        s["dt"] = model.opt.timestep
+        s["stiffness"], s["damping"], s["integral"] = stiffness, 2.0 * np.sqrt(stiffness), 4.0 * stiffness
+        s["integral_limit"], s["lead_limit"] = (4.0, 40.0), (0.03, 0.3)
+        s["force_integral"], s["force_damping"], s["filter"] = 4.0, 20.0, 2.0 * np.pi * 20.0
+        s["rest"] = wam.HOME
+        s["joint_low"], s["joint_high"] = model.jnt_range[:n].T
+        s["torque_limit"] = model.actuator_ctrlrange[:n, 1]
+        s["joint_damping"] = model.dof_damping[:n]
+        s["joint_friction"] = FRICTION_COMPENSATION * model.dof_frictionloss[:n]
+        s["friction_speed"] = 0.05
+        s["tool_mass"], s["gravity"] = model.body(f"{tool}/{tool}").subtreemass[0], model.opt.gravity
+        s["n_hand"] = self._handles.hand_addresses.size
+        s["hand_speed"], s["hand_stall"] = wam.HAND_SPEED, wam.HAND_STALL
+        if s["n_hand"]:
+            s["hand_stiffness"] = model.actuator_gainprm[n : n + 4, 0]
+
+    def _bind(self) -> Callable[[], None]:
+        """The controller's step as a function without arguments."""
+        records = (self._settings, self._command, self._memory)
+        arguments, work, gains = self._handles.arguments, np.zeros((24, 14)), controller.NullSpace()
+
+        def tick() -> None:
+            servo.tick(*records, *arguments, work, gains)
+
+        return tick
+
+    def reset(self) -> None:
+        """Stand in the home posture, hand open, reference at the tool, nothing commanded."""
+        self._joints[0][:] = wam.HOME
+        m, c = self._memory[0], self._command[0]
+        self._memory[:] = 0
+        mujoco.mj_forward(self.model, self.data)
+        m["position"], m["quaternion"] = self._site.xpos, self.tool_quaternion()
+        m["hand"][: self._handles.hand_addresses.size] = self.data.qpos[self._handles.hand_addresses]
+        c["position"], c["quaternion"], c["force"], c["hand"] = m["position"], m["quaternion"], 0.0, m["hand"]
+        self.tick()
+        mujoco.mj_forward(self.model, self.data)
+        m["wrench_sum"], m["ticks"], m["pressed"] = 0.0, 0.0, 0.0
+
+    def command(self, goal: Goal) -> None:
+        """Set the goal that the next ticks are attracted to."""
+        c = self._command[0]
+        c["position"], c["quaternion"], c["force"] = goal.position, goal.quaternion, goal.force
+        if goal.hand.size:
+            c["hand"] = goal.hand
+
+    def tool_quaternion(self) -> Array:
+        """Orientation of the tool, world frame, in the half space of the layout's reference."""
+        q = quaternion.from_matrix(self._site.xmat.reshape(3, 3))
+        return q if q @ self.layout.reference_quaternion >= 0.0 else -q
+
+    def observe(self, flat: Array) -> int:
+        """Write what the robot measures into `flat`, in the order of the observation space; returns the end.
+
+        The wrench is the mean since the last observation; right after a reset it is the wrench of the moment.
+        """
+        position, orientation, velocity, tool_velocity = self._reference
+        flat[0:7], flat[7:14] = self._joints
+        flat[14:17], flat[17:21], flat[21:27] = self._site.xpos, self.tool_quaternion(), tool_velocity
+        flat[27:30], flat[34:40] = position, velocity
+        flat[30:34] = orientation if orientation @ self.layout.reference_quaternion >= 0.0 else -orientation
+        m, s, wrench = self._memory[0], self._settings[0], flat[40:46]
+        if m["ticks"]:
+            np.divide(self._wrench_sum, m["ticks"], out=wrench)
+            m["wrench_sum"], m["ticks"] = 0.0, 0.0
+        else:
+            reading, com = self._handles.arguments[10:12]
+            sensor = self._sensor
+            servo.external_wrench(sensor.xmat, reading, sensor.xpos, com, s["tool_mass"], s["gravity"], wrench)
+        n = self._handles.hand_addresses.size
+        if n:
+            flat[46:50] = self.data.qpos[self._handles.hand_addresses]
+            flat[50:54] = self._hand_force
+        return 46 + 2 * n
+
+    def get_state(self) -> Array:
+        """The controller's memory as floats."""
+        return self._memory.view(np.float64).copy()
+
+    def set_state(self, state: Array) -> None:
+        """Restore what `get_state` returned."""
+        self._memory.view(np.float64)[:] = state

@@ -1,0 +1,299 @@
+"""What the controller does in one physics step, compiled: wrench, contact, reference, PID, torque, finger drives.
+
+The attractor is a reference inside the controller: it moves at the controller's rate towards the commanded goal and the PID of
+thesis 2.1.3 tracks it. Where a force is commanded the state machine of ``contact.py`` decides who owns its direction d:
+
+    APPROACH  the reference advances along d at the guarded speed, all six directions stay position controlled;
+    CONTACT   S = I - d d^T: the force along d is regulated, the reference follows the tool along d.
+
+Everything lives in three records (``SETTINGS``, ``COMMAND``, ``MEMORY``), so that a step allocates next to nothing and the
+controller's state is saved and restored as bytes.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lfd_gym import attractor, contact, controller, quaternion
+
+Array = NDArray[np.float64]
+
+SETTINGS = np.dtype(
+    [
+        ("dt", "f8"),
+        ("alpha", "f8"),
+        ("beta", "f8"),
+        ("speed_limit", "f8"),
+        ("turn_limit", "f8"),
+        ("workspace_low", "f8", 3),
+        ("workspace_high", "f8", 3),
+        ("stiffness", "f8"),
+        ("damping", "f8"),
+        ("integral", "f8"),
+        ("integral_limit", "f8", 2),
+        ("lead_limit", "f8", 2),
+        ("force_integral", "f8"),
+        ("force_damping", "f8"),
+        ("filter", "f8"),
+        ("rest", "f8", 7),
+        ("joint_low", "f8", 7),
+        ("joint_high", "f8", 7),
+        ("torque_limit", "f8", 7),
+        ("joint_damping", "f8", 7),
+        ("joint_friction", "f8", 7),
+        ("friction_speed", "f8"),
+        ("tool_mass", "f8"),
+        ("gravity", "f8", 3),
+        ("n_hand", "i8"),
+        ("hand_speed", "f8", 4),
+        ("hand_stiffness", "f8", 4),
+        ("hand_stall", "f8", 4),
+    ],
+    align=True,
+)
+"""Constants of one environment, in SI units; the first of a pair is linear, the second angular."""
+
+COMMAND = np.dtype([("position", "f8", 3), ("quaternion", "f8", 4), ("force", "f8", 3), ("hand", "f8", 4)], align=True)
+"""The goal of one control step: pose in the world, force of the tool on the world [N], hand joint angles [rad]."""
+
+MEMORY = np.dtype(
+    [
+        ("position", "f8", 3),
+        ("quaternion", "f8", 4),
+        ("velocity", "f8", 6),
+        ("tool_velocity", "f8", 6),
+        ("integral", "f8", 6),
+        ("mode", "f8"),
+        ("timer", "f8"),
+        ("direction", "f8", 3),
+        ("force_integral", "f8"),
+        ("pressed", "f8", 3),
+        ("wrench_sum", "f8", 6),
+        ("ticks", "f8"),
+        ("hand", "f8", 4),
+        ("guidance", "f8", 6),
+    ],
+    align=True,
+)
+"""The controller's state: the reference's pose and twist, the measured twist of the tool, integrals, contact mode, filtered
+force of the tool on the world, the sum of the wrenches since the last observation, and the references of the hand's drives."""
+
+
+@njit(cache=True)
+def external_wrench(
+    rotation: Array, reading: Array, sensor: Array, tool_com: Array, mass: float, gravity: Array, wrench: Array
+) -> None:
+    """Writes what the world exerts on the tool (6,), world axes, about the sensor's origin, weight compensated.
+
+    A MuJoCo force sensor reads what the arm exerts on the tool in the sensor's axes: F = -R f - m g and, with c the tool's
+    centre of mass relative to the sensor, T = -R t - c x m g.
+    """
+    for i in range(3):
+        force = torque = 0.0
+        for j in range(3):
+            force += rotation[3 * i + j] * reading[j]
+            torque += rotation[3 * i + j] * reading[3 + j]
+        wrench[i] = -force - mass * gravity[i]
+        wrench[3 + i] = -torque
+    cx, cy, cz = tool_com[0] - sensor[0], tool_com[1] - sensor[1], tool_com[2] - sensor[2]
+    wrench[3] -= mass * (cy * gravity[2] - cz * gravity[1])
+    wrench[4] -= mass * (cz * gravity[0] - cx * gravity[2])
+    wrench[5] -= mass * (cx * gravity[1] - cy * gravity[0])
+
+
+@njit(cache=True)
+def move_reference(settings, command, memory, tool: Array, tool_quaternion: Array, error: Array, feed: Array) -> None:  # type: ignore[no-untyped-def]
+    """Advances the reference by one tick; writes its error (6,) to the tool and its acceleration (6,)."""
+    s, c, m = settings[0], command[0], memory[0]
+    d, start_velocity = m.direction, m.velocity.copy()
+    position, orientation = m.position.copy(), m.quaternion.copy()
+    # Heun's rule: the reference follows the closed form of (2.1) to second order
+    for stage in range(2):
+        gap = c.position - position
+        turn = quaternion.to_rotation_vector(quaternion.multiply(c.quaternion, quaternion.conjugate(orientation)))
+        linear = attractor.acceleration(gap, m.velocity[:3], s.alpha, s.beta, s.speed_limit)
+        angular = attractor.acceleration(turn, m.velocity[3:], s.alpha, s.beta, s.turn_limit)
+        if m.mode == contact.APPROACH:
+            along = d[0] * linear[0] + d[1] * linear[1] + d[2] * linear[2]
+            speed = d[0] * m.velocity[0] + d[1] * m.velocity[1] + d[2] * m.velocity[2]
+            linear += (s.alpha * (contact.GUARDED_SPEED - speed) - along) * d
+        for i in range(3):
+            feed[i] = linear[i] if stage == 0 else 0.5 * (feed[i] + linear[i])
+            feed[3 + i] = angular[i] if stage == 0 else 0.5 * (feed[3 + i] + angular[i])
+        for i in range(6):
+            m.velocity[i] = start_velocity[i] + s.dt * feed[i]
+        step = 0.5 * s.dt * (start_velocity + m.velocity)
+        position = m.position + step[:3]
+        orientation = quaternion.multiply(quaternion.from_rotation_vector(step[3:]), m.quaternion)
+    for i in range(3):
+        m.position[i] = position[i]
+    if m.mode == contact.CONTACT:
+        gap = speed = 0.0
+        for i in range(3):
+            gap += d[i] * (tool[i] - m.position[i])
+            speed += d[i] * (m.tool_velocity[i] - m.velocity[i])
+        for i in range(3):
+            m.position[i] += gap * d[i]
+            m.velocity[i] += speed * d[i]
+    elif m.mode == contact.APPROACH:
+        for i in range(3):
+            m.position[i] = min(max(m.position[i], s.workspace_low[i]), s.workspace_high[i])
+    q = orientation
+    q /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    turn = quaternion.to_rotation_vector(quaternion.multiply(q, quaternion.conjugate(tool_quaternion)))
+    for i in range(3):
+        error[i], error[3 + i] = m.position[i] - tool[i], turn[i]
+    for part in range(2):
+        _limit_lead(error[3 * part : 3 * part + 3], m.velocity, m.tool_velocity, 3 * part, s.lead_limit[part])
+    for i in range(3):
+        m.position[i] = tool[i] + error[i]
+    q = quaternion.multiply(quaternion.from_rotation_vector(error[3:]), tool_quaternion)
+    for i in range(4):
+        m.quaternion[i] = q[i]
+
+
+@njit(cache=True)
+def _limit_lead(error: Array, velocity: Array, tool_velocity: Array, first: int, limit: float) -> None:
+    """A blocked tool holds its reference back: the error is shortened and the reference no longer runs ahead."""
+    length = math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
+    if length <= limit:
+        return
+    ahead = 0.0
+    for i in range(3):
+        error[i] *= limit / length
+        ahead += error[i] / limit * (velocity[first + i] - tool_velocity[first + i])
+    if ahead > 0.0:
+        for i in range(3):
+            velocity[first + i] -= ahead * error[i] / limit
+
+
+@njit(cache=True)
+def drive_hand(settings, command, memory, angles: Array, ctrl: Array) -> None:  # type: ignore[no-untyped-def]
+    """Moves the references of spread and fingers towards their goals.
+
+    A worm drive: rate limited, it stops advancing when its spring would press harder than the stall torque, and it holds
+    what it has reached. Fingers open without a stall; the spread stalls both ways.
+    """
+    s, c, m = settings[0], command[0], memory[0]
+    for i in range(s.n_hand):
+        step = min(max(c.hand[i] - m.hand[i], -s.hand_speed[i] * s.dt), s.hand_speed[i] * s.dt)
+        load = s.hand_stiffness[i] * (m.hand[i] + step - angles[i])
+        if (step > 0.0 and load > s.hand_stall[i]) or (i == 0 and step < 0.0 and load < -s.hand_stall[i]):
+            step = 0.0
+        m.hand[i] += step
+        ctrl[controller.N_JOINTS + i] = m.hand[i]
+
+
+@njit(cache=True)
+def tick(  # type: ignore[no-untyped-def]
+    settings,
+    command,
+    memory,
+    qpos,
+    qvel,
+    inertia,
+    bias,
+    anchor,
+    axis,
+    tool,
+    tool_rotation,
+    sensor,
+    sensor_rotation,
+    reading,
+    tool_com,
+    hand_joints,
+    ctrl,
+    work,
+    gains,
+):
+    """One physics step of the controller: reads the simulation's arrays, writes ``ctrl`` and ``memory``.
+
+    Args:
+        settings, command, memory: arrays of one record each.
+        qpos, qvel: generalised coordinates, the arm's seven joints first.
+        inertia: lower triangle of the sparse inertia matrix, row by row, the arm first.
+        bias: gravity and Coriolis torques.
+        anchor, axis: of all joints, world frame.
+        tool, tool_rotation: tool point (3,) and rotation (9,), world frame.
+        sensor, sensor_rotation: origin and rotation of the wrist sensor.
+        reading: force and torque of the wrist sensor, sensor axes.
+        tool_com: centre of mass of all that hangs on the sensor.
+        hand_joints: addresses of spread and finger angles in ``qpos``.
+        work: scratch (24, 14); gains: of the null space.
+    """
+    s, c, m = settings[0], command[0], memory[0]
+    n = controller.N_JOINTS
+    jacobian, drift, error, feed = work[0:6, :7], work[6, :6], work[7, :6], work[8, :6]
+    wrench, e_d, e_f, torque, xi = work[9, :6], work[10, :6], work[11, :6], work[12, :7], work[13, :7]
+    full, selection = work[14:21, :7], work[14:20, 8:14]
+    scratch = np.empty((6, 14))
+    controller.arm_jacobian(anchor, axis, qvel, tool, jacobian, drift)
+    for i in range(6):
+        m.tool_velocity[i] = 0.0
+        for j in range(n):
+            m.tool_velocity[i] += jacobian[i, j] * qvel[j]
+
+    external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, wrench)
+    m.ticks += 1
+    for i in range(6):
+        m.wrench_sum[i] += wrench[i]
+    blend = 1.0 - math.exp(-s.dt * s.filter)
+    along = 0.0
+    magnitude = math.sqrt(c.force[0] * c.force[0] + c.force[1] * c.force[1] + c.force[2] * c.force[2])
+    for i in range(3):
+        m.pressed[i] += blend * (-wrench[i] - m.pressed[i])
+        along += m.pressed[i] * c.force[i] / magnitude if magnitude > 0.0 else 0.0
+    before = int(m.mode)
+    mode, timer = contact.advance(before, m.timer, m.direction, c.force, along, s.dt)
+    d = m.direction
+    if mode == contact.CONTACT:
+        for i in range(3):
+            # a tool that is pulled out of the workspace stops at its border
+            if d[i] > 0.0 and tool[i] > s.workspace_high[i] or d[i] < 0.0 and tool[i] < s.workspace_low[i]:
+                mode, timer = contact.APPROACH, 0.0
+    m.mode, m.timer = mode, timer
+    in_contact = mode == contact.CONTACT
+    if in_contact and before != contact.CONTACT or not in_contact:
+        m.force_integral = 0.0
+
+    q_tool = quaternion.from_matrix(tool_rotation.reshape(3, 3))
+    move_reference(settings, command, memory, tool, q_tool, error, feed)
+    speed_along = 0.0
+    for i in range(3):
+        speed_along += d[i] * m.tool_velocity[i]
+    if in_contact:
+        m.force_integral += s.force_integral * s.dt * (magnitude - along)
+        m.force_integral = min(max(m.force_integral, -magnitude), magnitude)
+    for i in range(6):
+        limit = s.integral_limit[0] if i < 3 else s.integral_limit[1]
+        m.integral[i] = min(max(m.integral[i] + s.integral * s.dt * error[i], -limit), limit)
+        e_d[i] = e_f[i] = 0.0
+        for j in range(6):
+            selection[i, j] = 1.0 if i == j else 0.0
+    if in_contact:
+        stored = d[0] * m.integral[0] + d[1] * m.integral[1] + d[2] * m.integral[2]
+        for i in range(3):
+            m.integral[i] -= stored * d[i]
+            e_d[i] = -s.force_damping * speed_along * d[i]
+            e_f[i] = (magnitude + m.force_integral) * d[i]
+            for j in range(3):
+                selection[i, j] -= d[i] * d[j]
+    for i in range(6):
+        feed[i] += s.stiffness * error[i] + s.damping * (m.velocity[i] - m.tool_velocity[i]) + m.integral[i]
+
+    k = 0
+    for i in range(n):
+        for j in range(i + 1):
+            full[i, j] = inertia[k]
+            k += 1
+    controller.null_space_acceleration(qpos, qvel, s.rest, s.joint_low, s.joint_high, gains, xi)
+    controller.hybrid_torque(full, jacobian, drift, bias, selection, feed, e_d, e_f, xi, torque, scratch)
+    for i in range(n):
+        load = torque[i] + s.joint_damping[i] * qvel[i] + s.joint_friction[i] * math.tanh(qvel[i] / s.friction_speed)
+        ctrl[i] = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
+    angles = np.empty(4)
+    for i in range(s.n_hand):
+        angles[i] = qpos[hand_joints[i]]
+    drive_hand(settings, command, memory, angles, ctrl)

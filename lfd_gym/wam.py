@@ -1,0 +1,123 @@
+"""The robot: Barrett WAM with a BarrettHand BH8-280 or a pen behind a wrist force/torque sensor.
+
+Sources: joint ranges from the WAM user manual D1001 (table 6), torque limits as published with the HERB robot, drives and
+sensor from Barrett's data sheets. The kinematics and inertias stand in ``assets/wam.xml``.
+"""
+
+import math
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym import paths
+from lfd_gym.errors import UnknownNameError
+
+Array = NDArray[np.float64]
+
+N_JOINTS = 7
+JOINT_NAMES = tuple(f"wam_joint_{i}" for i in range(1, 8))
+HAND_JOINT_NAMES = ("finger_1_spread", "finger_1_proximal", "finger_2_proximal", "finger_3_proximal")
+TOOLS = {"hand": "barrett_hand.xml", "pen": "pen.xml"}
+"""What can be mounted on the wrist sensor, and its file; its names carry the prefix `hand/` or `pen/`."""
+
+TOOL_DOWN = np.array([0.0, 0.0, 1.0, 0.0])
+"""Quaternion of diag(-1, 1, -1): the tool points down, the hand's y axis along the world's y axis."""
+HOME = np.array([0.0, 0.58, 0.0, 1.67, 0.0, math.pi - 2.25, 0.0])
+"""Working posture [rad] with the tool pointing down over the middle of the table."""
+
+HAND_STALL = (2.0, 0.8, 0.8, 0.8)
+"""Torques [N m] at which spread and fingers stop closing: about 8 N at a fingertip."""
+HAND_SPEED = (3.0, 2.44, 2.44, 2.44)
+"""Speeds of spread and fingers [rad/s]: the hand opens or closes in one second."""
+HAND_LOW, HAND_HIGH = (0.0, 0.0, 0.0, 0.0), (math.pi, 2.44, 2.44, 2.44)
+MAX_FINGERTIP_FRICTION = 1.2
+"""No simulated fingertip grips better than soft rubber on wood."""
+
+
+class Handles(NamedTuple):
+    """Views into one simulation that the controller reads and writes at every step; looked up once."""
+
+    joint_velocity: Array
+    """Generalised velocities, the arm's seven first."""
+    arguments: tuple[NDArray, ...]
+    """The arrays of `servo.tick` from `qpos` to `ctrl`."""
+    hand_addresses: NDArray[np.int64]
+    """Addresses of spread and finger angles in `qpos`; empty for a pen."""
+
+
+def scene_spec(scene: str, tool: str = "hand", tool_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> mujoco.MjSpec:
+    """The specification of a scene from `assets/` with the tool mounted on the wrist sensor.
+
+    Args:
+        scene: file name of the scene, which includes the arm.
+        tool: a name of `TOOLS`.
+        tool_offset: displacement of the tool point in the tool's axes [m].
+    """
+    if tool not in TOOLS:
+        raise UnknownNameError("tool", tool, TOOLS)
+    folder = paths.assets()
+    spec = mujoco.MjSpec.from_file(str(folder / scene))
+    spec.attach(mujoco.MjSpec.from_file(str(folder / TOOLS[tool])), site=spec.site("flange"), prefix=f"{tool}/")
+    spec.site(f"{tool}/tool").pos += np.array(tool_offset)
+    return spec
+
+
+def handles(model: mujoco.MjModel, data: mujoco.MjData, tool: str) -> Handles:
+    """Find everything that the controller needs by name."""
+    site, sensor = data.site(f"{tool}/tool"), data.site(f"{tool}/wrist_sensor")
+    first = model.sensor(f"{tool}/wrist_force").adr[0]
+    addresses = np.array(
+        [model.joint(f"{tool}/{name}").qposadr[0] for name in HAND_JOINT_NAMES] if tool == "hand" else [], dtype=np.int64
+    )
+    return Handles(
+        joint_velocity=data.qvel,
+        arguments=(
+            data.qpos,
+            data.qvel,
+            data.M,
+            data.qfrc_bias,
+            data.xanchor,
+            data.xaxis,
+            site.xpos,
+            site.xmat,
+            sensor.xpos,
+            sensor.xmat,
+            data.sensordata[first : first + 6],
+            data.body(f"{tool}/{tool}").subtree_com,
+            addresses,
+            data.ctrl,
+        ),
+        hand_addresses=addresses,
+    )
+
+
+def inverse_kinematics(model: mujoco.MjModel, tool: str, position: Array, quaternion: Array) -> Array | None:
+    """Joint angles (7,) that bring the tool point to a pose, near `HOME`; None where it is out of reach.
+
+    Damped least squares on a scratch simulation; the answer keeps 3 degrees from every joint limit.
+    """
+    data = mujoco.MjData(model)
+    low, high = model.jnt_range[:N_JOINTS].T
+    margin = math.radians(3.0)
+    site = model.site(f"{tool}/tool").id
+    jacobian, error, current = np.zeros((6, model.nv)), np.empty(6), np.empty(4)
+    data.qpos[:N_JOINTS] = HOME
+    for _ in range(200):
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        error[:3] = position - data.site_xpos[site]
+        mujoco.mju_mat2Quat(current, data.site_xmat[site])
+        mujoco.mju_negQuat(current, current)
+        mujoco.mju_mulQuat(turn := np.empty(4), quaternion, current)
+        mujoco.mju_quat2Vel(error[3:], turn, 1.0)
+        if np.abs(error[:3]).max() < 1e-5 and np.abs(error[3:]).max() < 1e-4:
+            return data.qpos[:N_JOINTS].copy()
+        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
+        j = jacobian[:, :N_JOINTS]
+        step = j.T @ np.linalg.solve(j @ j.T + 1e-4 * np.eye(6), error)
+        data.qpos[:N_JOINTS] = np.clip(
+            data.qpos[:N_JOINTS] + step * min(1.0, 0.3 / max(np.abs(step).max(), 1e-9)), low + margin, high - margin
+        )
+    return None
