@@ -1,0 +1,6 @@
+"""Scripted noisy teachers, one per environment; each acts from observations alone and labels what it does."""
+
+TEACHERS: dict[str, str] = {
+    "lfd_gym/MoveObject-v0": "scripted_teachers.move_object:MoveObjectTeacher",
+    "lfd_gym/LightBulb-v0": "scripted_teachers.light_bulb:LightBulbTeacher",
+}

@@ -1,0 +1,232 @@
+"""A scripted teacher: performs one task from observations alone, with a human's variations, and knows what it is doing.
+
+A subclass writes its task as a generator of `Movement`s. Every movement is one primitive activation: its label is the ground
+truth of a demonstration. The teacher commands attractor goals that run along a bowed path with a minimum-jerk profile; after
+the path it waits until the goal is reached, pauses, and looks at the world again before it chooses the next movement.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym import quaternion
+from lfd_gym.action import ActionLayout
+from lfd_gym.demonstration import EntityControl, Primitive
+from lfd_gym.errors import InvalidArgumentError
+from scripted_teachers import noise as noise_model
+
+Array = NDArray[np.float64]
+Observation = Mapping[str, Array]
+
+SPEED = 0.3
+"""Mean speed of a clean movement [m/s]."""
+TURN_SPEED = 1.5
+"""Mean angular speed of a clean movement [rad/s]."""
+SHORTEST = 0.4
+"""Duration of the shortest movement [s]."""
+PATIENCE = 1.0
+"""How long a teacher waits for a goal that is not reached [s]."""
+ARRIVED_POSITION, ARRIVED_ROTATION, ARRIVED_SPEED = 0.004, np.radians(1.5), 0.01
+HAND_STILL = 0.15
+"""A hand that moved less than 0.005 rad in this time [s] has closed or opened."""
+REACTION = 0.2
+"""Time from an event to the teacher's reaction [s]."""
+
+POSITION, HOLD, FORCE = ("position",) * 3, ("hold",) * 3, ("position", "position", "force")
+
+
+def primitive(
+    index: int,
+    name: str,
+    position: tuple[int, str, tuple[str, ...]],
+    orientation: tuple[int, str, tuple[str, ...]],
+    hand: tuple[int, bool],
+) -> Primitive:
+    """A row of a primitive table: per entity its own primitive id, frame and controlled axes; `hand` = (id, moves)."""
+    del index
+    return Primitive(
+        name,
+        EntityControl(position[0], position[1], "cartesian", position[2]),
+        EntityControl(orientation[0], orientation[1], "rotation", orientation[2]),
+        EntityControl(hand[0], "world", "joints", ("position" if hand[1] else "hold",) * 4),
+    )
+
+
+@dataclass(frozen=True)
+class Movement:
+    """One activation of a primitive. Entities without a goal keep theirs."""
+
+    label: int
+    """Index into the teacher's primitive table."""
+    position: Callable[[Observation], Array] | None = None
+    """Goal of the tool point in the world [m], from the latest observation; NaN on axes that hold."""
+    orientation: Array | None = None
+    """Goal quaternion in the world."""
+    hand: Array | None = None
+    """Goal angles of spread and fingers [rad]."""
+    force: Array | None = None
+    """Force on the world [N]; begins and ends with the movement."""
+    ends: Callable[[Observation, float], bool] | None = None
+    """Ends the movement at once when true of (observation, threshold factor), after the reaction time."""
+    dwell: float = 0.0
+    """Time to keep going after the goal is reached [s]."""
+    steady: bool = False
+    """Contact-critical: smaller spread, never stopped early."""
+
+
+class ScriptedTeacher:
+    """Base of all teachers.
+
+    Args:
+        noise: scale of a human's variations, see `scripted_teachers.noise`; 0 is clean.
+
+    Raises:
+        InvalidArgumentError: negative noise.
+    """
+
+    primitives: ClassVar[tuple[Primitive, ...]]
+
+    def __init__(self, noise: float = 1.0) -> None:
+        if not (np.isfinite(noise) and noise >= 0.0):
+            raise InvalidArgumentError(f"noise {noise}; possible: 0 (clean), 1 (a human's) and above")
+        self.noise = float(noise)
+
+    def script(self) -> Iterator[Movement]:
+        """The task as a sequence of movements; `self.observation` is the world as it is when the next one is chosen."""
+        raise NotImplementedError
+
+    def reset(self, rng: np.random.Generator, layout: ActionLayout, dt: float) -> None:
+        """Begin an episode.
+
+        Args:
+            rng: source of all variations.
+            layout: of the environment's actions.
+            dt: time between two observations [s].
+        """
+        self.rng, self.layout, self.dt = rng, layout, dt
+        self._steps = self._episode()
+        self._started = False
+
+    def act(self, observation: Observation) -> tuple[NDArray[np.float32], int]:
+        """The action for an observation, and the label of the primitive that is performed."""
+        self.observation = observation
+        return next(self._steps)
+
+    def pull(self) -> float:
+        """The strength of a pull [N]."""
+        return noise_model.pull(self.rng, self.noise, self.layout.force_limit)
+
+    def _episode(self) -> Iterator[tuple[NDArray[np.float32], int]]:
+        observation = self.observation
+        self._goal_position = observation["reference_position"].copy()
+        self._goal_orientation = observation["reference_quaternion"].copy()
+        self._goal_hand = observation["hand_position"].copy() if "hand_position" in observation else np.empty(0)
+        movement = None
+        for movement in self.script():
+            yield from self._perform(movement)
+        if movement is None:
+            raise InvalidArgumentError(f"{type(self).__name__} has an empty script")
+        while True:
+            yield self._action(self._goal_position, self._goal_orientation), movement.label
+
+    def _perform(self, movement: Movement) -> Iterator[tuple[NDArray[np.float32], int]]:
+        variation = noise_model.vary(self.rng, self.noise, movement.steady)
+        if movement.hand is not None:
+            self._goal_hand = movement.hand
+        force = np.zeros(3) if movement.force is None else movement.force
+        start, start_orientation = self._goal_position, self._goal_orientation
+        goal, orientation = self._goals(movement, variation, start)
+        bow = self._bow(variation, goal - start)
+        turn = quaternion.to_rotation_vector(quaternion.multiply(orientation, quaternion.conjugate(start_orientation)))
+        duration = max(
+            float(np.linalg.norm(goal - start)) / SPEED / variation.speed,
+            float(np.linalg.norm(turn)) / TURN_SPEED / variation.speed,
+            SHORTEST,
+        )
+        rest = waited = reaction = 0.0
+        elapsed, arrived = 0.0, False
+        hands = [self.observation.get("hand_position", np.empty(0))]
+        while True:
+            elapsed += self.dt
+            progress = min(elapsed / duration, variation.completeness)
+            s = minimum_jerk(progress)
+            goal, _ = self._goals(movement, variation, start)
+            self._goal_position = start + s * (goal - start) + np.sin(np.pi * s) * bow
+            self._goal_orientation = quaternion.multiply(quaternion.from_rotation_vector(s * turn), start_orientation)
+            yield self._action(self._goal_position, self._goal_orientation, force), movement.label
+            hands.append(self.observation.get("hand_position", np.empty(0)))
+            if movement.ends is not None and movement.ends(self.observation, variation.threshold):
+                reaction += self.dt
+                if reaction > REACTION:
+                    break
+                continue
+            if progress < variation.completeness:
+                continue
+            waited += self.dt
+            arrived = arrived or waited > PATIENCE or self._arrived(movement, variation, hands)
+            if arrived:
+                rest += self.dt
+                if rest > movement.dwell + variation.pause:
+                    break
+
+    def _goals(self, movement: Movement, variation: noise_model.Variation, start: Array) -> tuple[Array, Array]:
+        goal, orientation = start, self._goal_orientation
+        if movement.position is not None:
+            wanted = movement.position(self.observation)
+            goal = np.where(np.isnan(wanted), start, wanted + variation.position)
+        if movement.orientation is not None:
+            orientation = quaternion.multiply(quaternion.from_rotation_vector(variation.rotation), movement.orientation)
+        return goal, orientation
+
+    def _bow(self, variation: noise_model.Variation, path: Array) -> Array:
+        length = float(np.linalg.norm(path))
+        if length < 1e-6:
+            return np.zeros(3)
+        along = path / length
+        return length * (variation.bow - (variation.bow @ along) * along)
+
+    def _arrived(self, movement: Movement, variation: noise_model.Variation, hands: list[Array]) -> bool:
+        o, factor = self.observation, variation.threshold
+        still = max(round(HAND_STILL / self.dt), 1)
+        if movement.hand is not None and (
+            len(hands) <= still or np.abs(hands[-1] - hands[-1 - still]).max(initial=0.0) > 0.005
+        ):
+            return False
+        error = o["tool_position"] - self._goal_position
+        if movement.force is not None:
+            along = movement.force / np.linalg.norm(movement.force)
+            error = error - (error @ along) * along
+        turn = quaternion.multiply(self._goal_orientation, quaternion.conjugate(o["tool_quaternion"]))
+        return bool(
+            np.linalg.norm(error) < ARRIVED_POSITION * factor
+            and np.linalg.norm(quaternion.to_rotation_vector(turn)) < ARRIVED_ROTATION * factor
+            and np.linalg.norm(o["tool_velocity"][:3]) < ARRIVED_SPEED * factor
+        )
+
+    def _action(self, position: Array, orientation: Array, force: Array | None = None) -> NDArray[np.float32]:
+        return self.layout.encode(position, orientation, np.zeros(3) if force is None else force, self._goal_hand)
+
+
+def minimum_jerk(s: float) -> float:
+    """Fraction of the way after the fraction s of the time, with velocity and acceleration zero at both ends."""
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def tool_down(layout: ActionLayout, yaw: float = 0.0) -> Array:
+    """The tool points down, turned by `yaw` [rad] about the vertical."""
+    return quaternion.multiply(quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw])), layout.reference_quaternion)
+
+
+def above(frame: str, height: float) -> Callable[[Observation], Array]:
+    """A goal at a height [m] over the origin of a frame that stands upright."""
+    offset = np.array([0.0, 0.0, height])
+    return lambda observation: observation[f"frame_{frame}"][:3] + offset
+
+
+def at(*position: float) -> Callable[[Observation], Array]:
+    """A fixed goal in the world [m]; NaN keeps an axis where it is."""
+    fixed = np.array(position)
+    return lambda observation: fixed
