@@ -15,6 +15,9 @@ import typer
 
 from lfd_gym.errors import InvalidArgumentError, LfdGymError
 
+INTERRUPTED = 130
+"""Exit code of a command that was interrupted from the keyboard."""
+
 app = typer.Typer(
     help="A simulated Barrett WAM learns contact-rich manipulation from a handful of demonstrations.",
     no_args_is_help=True,
@@ -38,9 +41,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0, 2 for bad input, 130 for an interrupt."""
     try:
         result = app(args=list(sys.argv[1:] if arguments is None else arguments), standalone_mode=False)
+        if result == INTERRUPTED:
+            raise KeyboardInterrupt
         return result if isinstance(result, int) else 0
     except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted", 130)
+        return _complain("interrupted", INTERRUPTED)
     except LfdGymError as error:
         return _complain(str(error), 2)
     except Exception as error:
@@ -72,7 +77,7 @@ def demo(
     save_demonstrations(out / "demonstrations.h5", recording.demonstrations)
     print("2/4  a sequence graph is learned from the demonstrations", flush=True)
     skill = _learner("sequence-graph", {}).fit(recording.demonstrations).skill_
-    skill.save(out / "skill")
+    skill.save(out / "skill.npz")
     print(f"3/4  the skill is tried on {episodes} setups that it has never seen", flush=True)
     evaluation = run_evaluation(env_id, skill, episodes, first_seed, jobs=jobs, progress=True)
     print(evaluation.table(), flush=True)
@@ -184,7 +189,7 @@ def render(
     path = rendering.video_path(out)
     count = rendering.write_video(path, rendering.frames(world, policy, seed))
     world.close()
-    print(f"{count} pictures, {count / rendering.FRAMES_PER_SECOND:.1f} s, written to {path}")
+    print(f"{count / rendering.FRAMES_PER_SECOND:.1f} s at {rendering.SPEED_UP} times the speed, written to {path}")
 
 
 @app.command()

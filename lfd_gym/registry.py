@@ -14,7 +14,6 @@ import gymnasium
 
 from lfd_gym.errors import InvalidArgumentError, MissingExtraError, UnknownNameError
 
-DEFAULT_CONTROL_HZ = 50.0
 EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}
 """Modules that only an extra installs, and that extra."""
 
@@ -37,15 +36,13 @@ ENVIRONMENTS: dict[str, EnvironmentEntry] = {
 
 
 def register() -> None:
-    """Tell Gymnasium about every environment; calling it twice changes nothing."""
+    """Tell Gymnasium about every environment; calling it twice changes nothing.
+
+    The environments end an episode themselves, since their limits are in seconds and not in steps.
+    """
     for env_id, entry in ENVIRONMENTS.items():
         if env_id not in gymnasium.registry:
-            gymnasium.register(
-                id=env_id,
-                entry_point=entry.entry_point,
-                max_episode_steps=round(entry.seconds * DEFAULT_CONTROL_HZ),
-                kwargs=dict(entry.kwargs),
-            )
+            gymnasium.register(id=env_id, entry_point=entry.entry_point, kwargs=dict(entry.kwargs))
 
 
 def kebab_case(env_id: str) -> str:
@@ -68,7 +65,7 @@ def environment_id(name: str) -> str:
 
 
 def make(name: str, **kwargs: Any) -> gymnasium.Env:
-    """`gymnasium.make` by short name or id, with the time limit in seconds whatever `control_hz` is.
+    """`gymnasium.make` by short name or id.
 
     Raises UnknownNameError for an unknown environment and InvalidArgumentError for an argument it does not take.
     """
@@ -77,10 +74,11 @@ def make(name: str, **kwargs: Any) -> gymnasium.Env:
         register()
         entry = ENVIRONMENTS[env_id]
         check_arguments(load(entry.entry_point), kwargs, f"environment '{kebab_case(env_id)}'")
-        control_hz = kwargs.get("control_hz", DEFAULT_CONTROL_HZ)
-        if isinstance(control_hz, int | float) and control_hz > 0:
-            kwargs.setdefault("max_episode_steps", round(entry.seconds * control_hz))
-    return gymnasium.make(env_id, **kwargs)
+    try:
+        return gymnasium.make(env_id, **kwargs)
+    except TypeError as error:
+        reason = str(error).partition(" was raised from")[0]
+        raise InvalidArgumentError(f"environment '{name}' cannot be made with {kwargs}: {reason}") from error
 
 
 def load(path: str) -> Any:
@@ -112,5 +110,5 @@ def check_arguments(constructor: Any, given: Mapping[str, Any], owner: str) -> N
     """Raise InvalidArgumentError, naming what is possible, if `constructor` does not take what is given."""
     known = arguments(constructor)
     for name in given:
-        if name not in known and name != "max_episode_steps":
+        if name not in known:
             raise InvalidArgumentError(str(UnknownNameError(f"argument of {owner}", name, known)))

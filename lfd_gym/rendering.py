@@ -4,20 +4,26 @@ import importlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lfd_gym.errors import RenderingUnavailableError
+from lfd_gym.errors import RenderingUnavailableError, UnknownNameError
 from lfd_gym.paths import written_whole
 from lfd_gym.rollout import Policy, rollout
+
+Decorate = Callable[[Any], None]
 
 HEADLESS = ("egl", "osmesa")
 """Back ends that need no display, the faster first."""
 FRAMES_PER_SECOND = 25
+SPEED_UP = 2
+"""Videos play this much faster than the simulation's clock."""
+SHADOW_SIZE, SAMPLES = 1024, 0
+"""Quality of videos: on a machine without a graphics card, most of the time of a picture goes into these."""
 PROBE = """
 import mujoco
 renderer = mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 16, 16)
@@ -40,7 +46,7 @@ def prepare() -> str:
     chosen = os.environ.get("MUJOCO_GL")
     if chosen:
         return chosen
-    if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+    if sys.platform != "linux" or has_display():
         return "glfw"
     backend = next((name for name in HEADLESS if works(name)), None)
     if backend is None:
@@ -50,6 +56,11 @@ def prepare() -> str:
         if module in sys.modules:
             importlib.reload(sys.modules[module])
     return backend
+
+
+def has_display() -> bool:
+    """Whether windows can be shown."""
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 @lru_cache
@@ -64,13 +75,76 @@ def works(backend: str) -> bool:
     return b"rendered" in probe.stdout
 
 
+class OffscreenRenderer:
+    """Pictures of a simulation as arrays."""
+
+    def __init__(self, model: Any, data: Any, size: tuple[int, int], camera: str) -> None:
+        """Make the OpenGL context; `size` is (height, width) [px] and `camera` one of the model's."""
+        import mujoco
+
+        known = [model.camera(i).name for i in range(model.ncam)]
+        if camera not in known:
+            raise UnknownNameError("camera", camera, known)
+        height, width = size
+        model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
+        model.vis.global_.offheight = max(model.vis.global_.offheight, height)
+        self._data, self._camera = data, camera
+        self._renderer = mujoco.Renderer(model, height, width)
+
+    def frame(self, decorate: Decorate) -> np.ndarray:
+        """The picture (height, width, 3) uint8 of this moment; `decorate` adds to the scene what is not physical."""
+        self._renderer.update_scene(self._data, self._camera)
+        decorate(self._renderer.scene)
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._renderer.close()
+
+
+class Viewer:
+    """A window on a simulation."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        """Open MuJoCo's viewer beside the running program."""
+        import mujoco.viewer
+
+        self._viewer = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+
+    def frame(self, decorate: Decorate) -> None:
+        """Show this moment."""
+        if self._viewer.user_scn is not None:
+            self._viewer.user_scn.ngeom = 0
+            decorate(self._viewer.user_scn)
+        self._viewer.sync()
+
+    def close(self) -> None:
+        """Close the window."""
+        self._viewer.close()
+
+
+def renderer(model: Any, data: Any, mode: str, size: tuple[int, int], camera: str) -> OffscreenRenderer | Viewer:
+    """What draws a simulation in Gymnasium's render mode "rgb_array" or "human".
+
+    Raises RenderingUnavailableError where there is no OpenGL, or no display for a window.
+    """
+    if mode == "human":
+        if sys.platform == "linux" and not has_display():
+            raise RenderingUnavailableError("no display for render_mode 'human'; render_mode 'rgb_array' needs none")
+        return Viewer(model, data)
+    prepare()
+    return OffscreenRenderer(model, data, size, camera)
+
+
 def frames(env: Any, policy: Policy, seed: int) -> Iterator[np.ndarray]:
-    """Pictures (height, width, 3) uint8 of one episode, 25 per simulated second; `env` renders rgb arrays.
+    """Pictures (height, width, 3) uint8 of one episode for a video at double speed; `env` renders rgb arrays.
 
     Raises RenderingUnavailableError where there is no OpenGL.
     """
     prepare()
-    every = max(1, round(1.0 / (FRAMES_PER_SECOND * env.unwrapped.dt)))
+    quality = env.unwrapped.model.vis.quality
+    quality.shadowsize, quality.offsamples = SHADOW_SIZE, SAMPLES
+    every = max(1, round(SPEED_UP / (FRAMES_PER_SECOND * env.unwrapped.dt)))
     for i, _ in enumerate(rollout(env, policy, seed)):
         if i % every == 0:
             yield env.render()
