@@ -202,7 +202,7 @@ def _rebuild(cls: type[Demonstration], values: dict[str, Any]) -> Demonstration:
 
 
 def _frozen(rows: Any, dtype: type) -> np.ndarray:
-    copy = np.array(rows, dtype=dtype, order="C")
+    copy: np.ndarray = np.array(rows, dtype=dtype, order="C")
     copy.setflags(write=False)
     return copy
 

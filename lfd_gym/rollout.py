@@ -73,7 +73,8 @@ class TeacherPolicy:
     def begin_episode(self, env: gymnasium.Env, seed: int) -> None:
         """Start the teacher over with the random numbers of this episode."""
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
-        self.teacher.reset(rng, env.unwrapped.action_layout, env.unwrapped.dt)
+        world: Any = env.unwrapped
+        self.teacher.reset(rng, world.action_layout, world.dt)
 
     def predict(
         self,

@@ -15,7 +15,7 @@ from lfd_gym.report.trace import Trace, position_in_frame, stretches, turn
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#B8A900", "#999999")
 SHOWN, REPRODUCED, GOAL = "#0072B2", "#D55E00", "#222222"
-STYLE = {
+STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -115,7 +115,7 @@ def goals(demonstrations: Sequence[Demonstration], reproduction: Trace, skill: A
         return png(figure)
 
 
-LEGEND = ((SHOWN, "-"), (REPRODUCED, "-"), (GOAL, "--"))
+LEGEND: Any = ((SHOWN, "-"), (REPRODUCED, "-"), (GOAL, "--"))
 
 
 def timeline(reproduction: Trace) -> bytes:
