@@ -11,7 +11,7 @@ OPEN, CLOSED = np.array([SPREAD, 0.0, 0.0, 0.0]), np.array([SPREAD, 2.0, 2.0, 2.
 INITIAL = (0.58, 0.0, 0.30)
 GRASP_HEIGHT = 0.064
 """Of the tool point over the foot of the holder [m]: the fingertips close below the glass."""
-DROP_HEIGHT = 0.165
+DROP_HEIGHT = 0.11
 """Of the tool point over the box's floor [m]."""
 TWIST = np.radians(60.0)
 """The wrist turns from minus to plus this angle."""

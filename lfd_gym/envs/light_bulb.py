@@ -138,7 +138,8 @@ class LightBulbEnv(ManipulationEnv):
         return (
             self._loose
             and self._in_box()
-            and float(np.abs(self._twist).max()) < 0.2
+            and float(np.abs(self._twist[:3]).max()) < 0.05
+            and float(np.abs(self._twist[3:]).max()) < 0.5
             and math.dist(self._tool, self._glass) > CLEARANCE
             and self._touched() == 0
         )

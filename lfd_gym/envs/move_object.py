@@ -61,10 +61,11 @@ class MoveObjectEnv(ManipulationEnv):
     def build(self) -> None:
         """Find the object and register its mass and friction."""
         model, body = self.model, self.model.body("object").id
-        self._geom = model.geom("object").id
+        self._geoms = np.array([model.geom("object").id, model.geom("object_foot").id])
         self._mass, self._inertia = model.body_mass[body : body + 1], model.body_inertia[body]
-        self._friction = model.geom_friction[self._geom, 0:1]
+        self._friction = model.geom_friction[self._geoms[0], 0:1]
         self.vary(self._mass, self._inertia, self._friction)
+        self._moves = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_bodyid != body)
         self._pose = self.data.joint("object_joint").qpos
         self._twist = self.data.joint("object_joint").qvel
         self._object, self._target = self.data.body("object").xpos, self.data.body("target").xpos
@@ -105,10 +106,9 @@ class MoveObjectEnv(ManipulationEnv):
 
     def _untouched(self) -> bool:
         """The object touches nothing but what is fixed to the world."""
-        contact, geom_body = self.data.contact, self.model.geom_bodyid
-        pairs = contact.geom
-        other = np.where(pairs[:, 0] == self._geom, pairs[:, 1], pairs[:, 0])[(pairs == self._geom).any(axis=1)]
-        return not bool(self.model.body_weldid[geom_body[other]].any())
+        pairs = self.data.contact.geom
+        touches = np.isin(pairs, self._geoms).any(axis=1)
+        return not self._moves[pairs[touches]].any()
 
     def _off_target(self) -> float:
         dx, dy = self._object[0] - self._target[0], self._object[1] - self._target[1]
