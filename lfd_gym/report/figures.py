@@ -9,12 +9,14 @@ import networkx
 import numpy as np
 from matplotlib.figure import Figure
 
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, Primitive
 from lfd_gym.evaluation import EvaluationReport, wilson_interval
-from lfd_gym.report.trace import Trace, position_in_frame, stretches, turn
+from lfd_gym.report.trace import Trace, position_in_frame, stretches, turn, turn_in_frame
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#B8A900", "#999999")
 SHOWN, REPRODUCED, GOAL = "#0072B2", "#D55E00", "#222222"
+LEAST_METRES, LEAST_RADIANS = 0.03, 0.15
+"""Least span of an axis."""
 STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -68,7 +70,9 @@ def graph(learned: Any, names: Sequence[str]) -> bytes:
         networkx.draw_networkx_edges(drawing, place, edgelist=forward, **look)
         networkx.draw_networkx_edges(drawing, place, edgelist=back, connectionstyle="arc3,rad=0.35", **look)
         colours = [colour(label) if label >= 0 else "#FFFFFF" for label in learned.labels]
-        networkx.draw_networkx_nodes(drawing, place, ax=axes, node_size=2300, node_color=colours, edgecolors="#444444")
+        networkx.draw_networkx_nodes(
+            drawing, place, ax=axes, node_size=2300, node_color=colours, alpha=0.55, edgecolors="#444444"
+        )
         texts = {i: name.replace("_", "\n").replace(" ", "\n") for i, name in enumerate(learned.node_names(names))}
         networkx.draw_networkx_labels(drawing, place, texts, ax=axes, font_size=7.5)
         for edges, bend in ((forward, "arc3"), (back, "arc3,rad=0.35")):
@@ -90,25 +94,25 @@ def goals(demonstrations: Sequence[Demonstration], reproduction: Trace, skill: A
         grid = figure.subplots(5, len(used), squeeze=False, sharex=True)
         for column, label in enumerate(used):
             primitive = primitives[label]
+            goal, mean = _learned(skill, primitive, label)
             runs = [(demo.observations, demo.labels, SHOWN) for demo in demonstrations]
             runs.append((reproduction.observations, reproduction.labels, REPRODUCED))
             for observations, labels, shade in runs:
-                motion = _motion(observations, primitive.position)
+                motion = _motion(observations, primitive, mean)
                 for _, steps in (part for part in stretches(labels) if part[0] == label):
                     part = motion[: len(labels)][steps]
                     for row in range(part.shape[1]):
                         grid[row, column].plot(np.linspace(0, 1, len(part)), part[:, row], color=shade, linewidth=1.1)
-            for row, goal in enumerate(_goal(skill, label)):
-                if np.isfinite(goal):
-                    grid[row, column].axhline(goal, color=GOAL, linestyle="--", linewidth=1.1)
+            for row in np.flatnonzero(np.isfinite(goal)).tolist():
+                grid[row, column].axhline(goal[row], color=GOAL, linestyle="--", linewidth=1.1)
             frame = primitive.position.frame.replace("_", " ")
             grid[0, column].set_title(f"{primitive.name.replace('_', ' ')}\nin {frame}", fontsize=8.5)
-            names = [*ROWS.get(primitive.position.space, ROWS["cartesian"]), "tool turn [rad]", "fingers [rad]"]
+            names = [*ROWS.get(primitive.position.space, ROWS["cartesian"]), "turn about z [rad]", "fingers [rad]"]
             for row, name in enumerate(names):
                 if column == 0 or name != grid[row, column - 1].get_ylabel():
                     grid[row, column].set_ylabel(name)
                 grid[row, column].tick_params(labelsize=7)
-                _widen(grid[row, column])
+                _widen(grid[row, column], LEAST_METRES if name.endswith("[m]") else LEAST_RADIANS)
             grid[-1, column].set_xlabel("normalised time")
         handles = [matplotlib.lines.Line2D([], [], color=c, linestyle=s) for c, s in LEGEND]
         figure.legend(handles, ["demonstrations", "reproduction", "learned goal"], loc="outside upper center", ncols=3)
@@ -172,21 +176,33 @@ def colour(label: int) -> str:
     return COLOURS[label % len(COLOURS)]
 
 
-def _motion(observations: Any, control: Any) -> np.ndarray:
-    """(T, 5): position in the primitive's frame, turn of the tool, mean angle of the fingers."""
-    columns = [position_in_frame(observations, control), turn(observations)[:, None]]
+def _motion(observations: Any, primitive: Primitive, mean: np.ndarray) -> np.ndarray:
+    """(T, 5): position in the primitive's frame, turn about its frame's z axis, mean angle of the fingers."""
+    turned = turn_in_frame(observations, primitive.orientation, mean)[:, None]
+    columns = [position_in_frame(observations, primitive.position), turned]
     if "hand_position" in observations:
         columns.append(observations["hand_position"][:, 1:].mean(axis=1, keepdims=True))
     return np.hstack(columns)
 
 
-def _goal(skill: Any, label: int) -> np.ndarray:
-    """The learned position goal (3,) of a primitive in its own frame and space; empty if the skill tells none."""
-    tell = getattr(skill, "position_goal", None)
-    return np.zeros(0) if tell is None else np.asarray(tell(label), dtype=float)
+def _learned(skill: Any, primitive: Primitive, label: int) -> tuple[np.ndarray, np.ndarray]:
+    """Goals (5,) of the figure's rows, NaN where none was learned, and the mean orientation they are relative to."""
+    rows = np.full(5, np.nan)
+    learned = getattr(skill, "primitives", None)
+    if learned is None:
+        return rows, np.array([0.0, 1.0, 0.0, 0.0])
+    goal = learned.goal[label]
+    for i, axis in enumerate(primitive.position.axes):
+        if axis == "position":
+            rows[i] = goal[i]
+    if primitive.orientation.axes[2] == "position":
+        rows[3] = goal[5]
+    if primitive.hand is not None and "position" in primitive.hand.axes[1:]:
+        rows[4] = goal[7:10].mean()
+    return rows, learned.mean[label]
 
 
-def _widen(axes: Any, least: float = 0.02) -> None:
+def _widen(axes: Any, least: float) -> None:
     """Show at least `least` of the axis, so that noise on a resting dimension stays small."""
     low, high = axes.get_ylim()
     if high - low < least:

@@ -61,6 +61,15 @@ def position_in_frame(observations: Mapping[str, np.ndarray], control: EntityCon
     return np.column_stack([np.hypot(position[:, 0], position[:, 1]), angle, position[:, 2]])
 
 
+def turn_in_frame(observations: Mapping[str, np.ndarray], control: EntityControl, mean: np.ndarray) -> np.ndarray:
+    """Turn (T,) [rad] of the tool about the z axis of a primitive's frame, from the orientation `mean` (4,) in it."""
+    rotation = Rotation.from_quat(observations["tool_quaternion"], scalar_first=True)
+    if control.frame != "world":
+        rotation = Rotation.from_quat(observations[f"frame_{control.frame}"][:, 3:], scalar_first=True).inv() * rotation
+    away = rotation * Rotation.from_quat(mean, scalar_first=True).inv()
+    return away.as_rotvec()[:, 2]
+
+
 def turn(observations: Mapping[str, np.ndarray]) -> np.ndarray:
     """Angle (T,) [rad] of the tool's x axis in the horizontal plane of the world, without jumps."""
     rotation = Rotation.from_quat(observations["tool_quaternion"], scalar_first=True)

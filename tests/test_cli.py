@@ -1,0 +1,165 @@
+"""The command line: bad input is one line on stderr, an exit code, and nothing half written."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import toy
+
+from lfd_gym import cli
+from lfd_gym.demonstration import load_demonstrations, save_demonstrations
+from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.recording import record
+
+TEACHERS = {toy.ENV_ID: "toy:PointTeacher"}
+
+
+@pytest.fixture
+def demos(tmp_path: Path) -> Path:
+    path = tmp_path / "demos.h5"
+    save_demonstrations(path, record(toy.ENV_ID, toy.PointTeacher(), n=1, seed=0).demonstrations)
+    return path
+
+
+@pytest.fixture
+def truncated(demos: Path) -> Path:
+    demos.write_bytes(demos.read_bytes()[:-1500])
+    return demos
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    path = tmp_path / "foreign.h5"
+    with h5py.File(path, "w") as file:
+        file["data/demo_0/actions"] = np.zeros((3, 7))
+    return path
+
+
+def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Path) -> str:
+    """Run a command that must fail; return its one line, having checked that nothing was written."""
+    before = sorted(folder.rglob("*"))
+    assert cli.main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("lfd-gym: ")
+    assert err.count("\n") == 1
+    assert sorted(folder.rglob("*")) == before
+    return err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["teach", "light-bulp", "--out", "OUT"], "did you mean 'light-bulb'"),
+        (["teach", "light-bulb", "--out", "OUT", "--noise", "-1"], "0 or more"),
+        (["teach", "light-bulb", "--out", "OUT", "--noise", "nan"], "0 or more"),
+        (["teach", "light-bulb", "--out", "OUT", "-n", "0"], "at least 1"),
+        (["teach", "light-bulb", "--out", "OUT", "--seed", "-1"], "0 or more"),
+        (["teach", "light-bulb", "--out", "OUT", "--set", "speed"], "name=value"),
+        (["teach", "light-bulb", "--out", "OUT", "--set", "fingertip_fiction=1"], "fingertip_friction"),
+        (["learn", "sequence-graf", "DEMOS", "--out", "OUT"], "sequence-graph"),
+        (["learn", "sequence-graph", "OUT/none.h5", "--out", "OUT"], "no such file"),
+        (["learn", "sequence-graph", "DEMOS", "--out", "OUT", "--set", "grahp=1"], "graph"),
+        (["evaluate", "random", "light-bulp"], "did you mean 'light-bulb'"),
+        (["evaluate", "random", "light-bulb", "-n", "0"], "1 or more"),
+        (["evaluate", "random", "light-bulb", "--jobs", "0"], "1 or more"),
+        (["evaluate", "teacher", "light-bulb", "--noise", "-0.5"], "0 or more"),
+        (["evaluate", "OUT/no-skill", "light-bulb"], "no-skill"),
+        (["render", "random", "nowhere", "--out", "OUT"], "light-bulb"),
+        (["bench", "nowhere"], "light-bulb"),
+        (["teach", "light-bulb"], "--out"),
+        (["dance"], "--help"),
+        (["envs", "--loud"], "--help"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(arguments, says, capsys, tmp_path, demos) -> None:
+    named = [a.replace("OUT", str(tmp_path / "out")).replace("DEMOS", str(demos)) for a in arguments]
+    if not arguments:
+        assert cli.main([]) == 2
+        return
+    if says == "did you mean 'light-bulb'":
+        says = "light-bulb"
+    assert says in refuse(named, capsys, tmp_path)
+
+
+def test_truncated_and_foreign_demonstrations_are_refused(capsys, tmp_path, truncated, foreign) -> None:
+    learn = ["learn", "sequence-graph", "--out", str(tmp_path / "skill")]
+    assert "truncated" in refuse([*learn, str(truncated)], capsys, tmp_path)
+    assert "schema" in refuse([*learn, str(foreign)], capsys, tmp_path)
+
+
+def test_values_of_settings_are_json_or_else_text() -> None:
+    parsed = cli.parse_settings(["a=1", "b=0.5", "c=dense", "d=[1, 2]", "e=true", "f=null", "g=x=y"])
+    assert parsed == {"a": 1, "b": 0.5, "c": "dense", "d": [1, 2], "e": True, "f": None, "g": "x=y"}
+    for wrong in ("a", "=1", "a b=1"):
+        with pytest.raises(InvalidArgumentError, match="name=value"):
+            cli.parse_settings([wrong])
+
+
+def test_teach_and_evaluate_write_what_they_say(monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr("scripted_teachers.TEACHERS", TEACHERS)
+    out = tmp_path / "new" / "demos.h5"
+    assert cli.main(["teach", toy.ENV_ID, "-n", "2", "--seed", "4", "--out", str(out), "--set", "speed=2.0"]) == 0
+    demonstrations = load_demonstrations(out)
+    assert [demonstration.env_kwargs for demonstration in demonstrations] == [{"speed": 2.0}] * 2
+    report = tmp_path / "report.json"
+    arguments = [
+        "evaluate",
+        "teacher",
+        toy.ENV_ID,
+        "-n",
+        "3",
+        "--noise",
+        "0",
+        "--seed",
+        "100000",
+        "--json",
+        str(report),
+    ]
+    assert cli.main(arguments) == 0
+    written = report.read_text()
+    assert json.loads(written)["success_rate"] == 1.0
+    assert "3 / 3" in capsys.readouterr().out
+    assert cli.main([*arguments, "--jobs", "2"]) == 0
+    assert report.read_text() == written
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["demos.h5", "new", "report.json"]
+
+
+def test_a_file_cannot_take_the_place_of_a_folder(monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr("scripted_teachers.TEACHERS", TEACHERS)
+    assert "is a folder" in refuse(["teach", toy.ENV_ID, "-n", "1", "--out", str(tmp_path)], capsys, tmp_path)
+
+
+def test_an_interrupt_exits_with_130(monkeypatch, capsys) -> None:
+    def interrupt(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lfd_gym.registry.environment_id", interrupt)
+    assert cli.main(["evaluate", "random", "light-bulb"]) == 130
+    assert capsys.readouterr().err == "lfd-gym: interrupted\n"
+
+
+def test_help_needs_nothing_heavy() -> None:
+    program = (
+        "import sys; from lfd_gym import cli; cli.main(['--help']); "
+        "heavy = {'sklearn', 'scipy', 'matplotlib', 'mujoco', 'numba', 'torch', 'h5py'} & set(sys.modules); "
+        "print(sorted(heavy), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "evaluate" in done.stdout
+    assert done.stderr == "[]\n"
+
+
+def test_no_traceback_reaches_the_user_of_the_installed_command(tmp_path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "lfd_gym.cli", "evaluate", str(tmp_path / "none"), "light-bulb"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr
