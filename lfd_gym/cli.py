@@ -15,6 +15,8 @@ import typer
 
 from lfd_gym.errors import InvalidArgumentError, LfdGymError
 
+EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
+"""Unseen setups of the demo, and the seed of the first one."""
 INTERRUPTED = 130
 """Exit code of a command that was interrupted from the keyboard."""
 
@@ -71,7 +73,7 @@ def demo(
     from lfd_gym.report import write_report
 
     env_id = environment_id(env)
-    episodes, first_seed = (5 if quick else 24), 2000
+    episodes = QUICK_EPISODES if quick else EPISODES
     print(f"1/4  a scripted teacher demonstrates {env_id} three times", flush=True)
     recording = record(env_id, _teacher(env_id, 1.0), n=3, seed=seed, progress=True)
     save_demonstrations(out / "demonstrations.h5", recording.demonstrations)
@@ -79,7 +81,7 @@ def demo(
     skill = _learner("sequence-graph", {}).fit(recording.demonstrations).skill_
     skill.save(out / "skill.npz")
     print(f"3/4  the skill is tried on {episodes} setups that it has never seen", flush=True)
-    evaluation = run_evaluation(env_id, skill, episodes, first_seed, jobs=jobs, progress=True)
+    evaluation = run_evaluation(env_id, skill, episodes, FIRST_SEED, jobs=jobs, progress=True)
     print(evaluation.table(), flush=True)
     print("4/4  report" + ("" if quick else " and video"), flush=True)
     notes = write_report(out, recording, skill, evaluation, video=not quick)

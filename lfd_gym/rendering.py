@@ -89,7 +89,10 @@ class OffscreenRenderer:
         model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
         model.vis.global_.offheight = max(model.vis.global_.offheight, height)
         self._data, self._camera = data, camera
-        self._renderer = mujoco.Renderer(model, height, width)
+        try:
+            self._renderer = mujoco.Renderer(model, height, width)
+        except mujoco.FatalError as error:
+            raise RenderingUnavailableError(HOW_TO) from error
 
     def frame(self, decorate: Decorate) -> np.ndarray:
         """The picture (height, width, 3) uint8 of this moment; `decorate` adds to the scene what is not physical."""

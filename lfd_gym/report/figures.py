@@ -1,7 +1,7 @@
 """The report's figures, as PNG; Okabe and Ito's colours, which colour-blind readers can tell apart."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -57,9 +57,7 @@ def graph(learned: Any, names: Sequence[str]) -> bytes:
     """The sequence graph in layers by its distance from the start; edges carry how often they were shown."""
     drawing = learned.to_networkx()
     depth = networkx.single_source_shortest_path_length(drawing, 0)
-    for node in drawing.nodes:
-        drawing.nodes[node]["layer"] = depth.get(node, 0)
-    place = networkx.multipartite_layout(drawing, subset_key="layer")
+    place = _layers(drawing, depth)
     size = 1 + max(depth.values(), default=0)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(7.0, 1.75 * size), 3.4), layout="constrained")
@@ -174,6 +172,18 @@ def png(figure: Figure) -> bytes:
 def colour(label: int) -> str:
     """The colour of a primitive, the same in all figures."""
     return COLOURS[label % len(COLOURS)]
+
+
+def _layers(drawing: Any, depth: Mapping[int, int]) -> dict[int, tuple[float, float]]:
+    """Place of every node: columns by depth, each ordered by the mean height of the nodes that lead there."""
+    place: dict[int, tuple[float, float]] = {}
+    for column in sorted(set(depth.values())):
+        nodes = [node for node in drawing.nodes if depth.get(node) == column]
+        heights = {n: [place[p][1] for p in drawing.predecessors(n) if p in place] or [0.0] for n in nodes}
+        nodes.sort(key=lambda n: (sum(heights[n]) / len(heights[n]), n))
+        for i, node in enumerate(nodes):
+            place[node] = float(column), i - 0.5 * (len(nodes) - 1)
+    return place
 
 
 def _motion(observations: Any, primitive: Primitive, mean: np.ndarray) -> np.ndarray:
