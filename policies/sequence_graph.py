@@ -8,7 +8,7 @@ of its graph.
 """
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -289,4 +289,9 @@ def fully_connected_graph(demonstrations: Sequence[ArrayLike]) -> SequenceGraph:
     return SequenceGraph(local.labels, {**everything, **local.transitions})
 
 
-GRAPHS = {"global": global_graph, "local": local_graph, "fully-connected": fully_connected_graph}
+MATCHES = ("label", "inputs")
+GRAPHS: dict[str, Callable[..., SequenceGraph]] = {
+    "global": global_graph,
+    "local": local_graph,
+    "fully-connected": fully_connected_graph,
+}

@@ -1,0 +1,80 @@
+"""What a learner is: a scikit-learn estimator that turns demonstrations into a skill."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from sklearn.base import BaseEstimator
+
+from lfd_gym.demonstration import NO_LABEL, Demonstration, check_same_environment
+from lfd_gym.errors import DemonstrationError
+from policies.sequence_graph import segments
+from policies.skill import Skill
+
+
+class Learner(BaseEstimator, ABC):
+    """Base of all learners: `fit` checks the demonstrations, a subclass's `learn` does the rest.
+
+    A learner may read measured signals, frames and, where it needs them, labels and the primitive table. It never reads
+    actions, reference_* observations, states or the setup: from those the answer could be read off.
+    """
+
+    needs: tuple[str, ...] = ("tool_position", "tool_quaternion")
+    """Observations that must be there."""
+    needs_labels = True
+    """Whether every step must be labelled and every demonstration show a transition."""
+
+    skill_: Skill
+
+    @abstractmethod
+    def learn(self, demonstrations: Sequence[Demonstration]) -> Skill:
+        """The skill, from checked demonstrations."""
+
+    def fit(self, demonstrations: Sequence[Demonstration], y: None = None) -> Self:
+        """Learn `skill_` from one or more demonstrations of one environment; they are not changed.
+
+        Raises DemonstrationError where they are missing, do not belong together, or cannot be learned from, and
+        InvalidArgumentError for an argument of the constructor that is not possible.
+        """
+        demonstrations = list(demonstrations)
+        check_same_environment(demonstrations)
+        _check_alike(demonstrations)
+        for i, demonstration in enumerate(demonstrations):
+            self._check_one(f"demonstration {i}", demonstration)
+        self.skill_ = self.learn(demonstrations)
+        return self
+
+    def _check_one(self, name: str, demonstration: Demonstration) -> None:
+        missing = [need for need in self.needs if need not in demonstration.observations]
+        if missing:
+            raise DemonstrationError(f"{name} has no observation '{missing[0]}', which this method needs")
+        for need in self.needs:
+            if not np.isfinite(demonstration.observations[need]).all():
+                raise DemonstrationError(f"the observation '{need}' of {name} is not finite; repeat the demonstration")
+        if self.needs_labels:
+            _check_labels(name, demonstration)
+
+
+def _check_alike(demonstrations: Sequence[Demonstration]) -> None:
+    first = demonstrations[0]
+    for i, other in enumerate(demonstrations[1:], start=1):
+        for name in ("dt", "action_layout", "primitives"):
+            if getattr(other, name) != getattr(first, name):
+                what = {"dt": "time step", "action_layout": "action layout", "primitives": "primitive table"}[name]
+                raise DemonstrationError(f"the {what} of demonstration {i} differs from that of demonstration 0")
+        if set(other.observations) != set(first.observations):
+            raise DemonstrationError(f"demonstration {i} observes other quantities than demonstration 0")
+
+
+def _check_labels(name: str, demonstration: Demonstration) -> None:
+    unlabelled = np.flatnonzero(demonstration.labels == NO_LABEL)
+    if len(unlabelled):
+        raise DemonstrationError(
+            f"{name} has {len(unlabelled)} steps without a label, the first is step {unlabelled[0]}; "
+            "this method needs a label at every step"
+        )
+    parts = segments(demonstration.labels)
+    if len(parts) < 2:
+        only = demonstration.primitives[parts[0].label].name
+        raise DemonstrationError(f"{name} shows no transition: '{only}' is its only primitive; two in a row are needed")

@@ -1,0 +1,144 @@
+"""Passages: the demonstrations cut at the transition points of a graph, and when each of them had arrived (thesis 2.4).
+
+The thesis labels the data between the previous and the next transition point with the primitive that was active. A
+teacher who pauses before the next movement makes this contradictory: the state just before the transition point is the
+state just after it, and a skill that learned "before is stay" waits at the goal for ever. Two rules make it decidable:
+
+1. *Arrival.* From the moment on from which a passage stays within `TOLERANCE` of its end, its samples count for the
+   successor. What comes after the transition point is the successor's own doing and is not used.
+2. *The demonstrator's own goal.* Goals differ by a centimetre from one demonstration to the next. Where a passage
+   ended within `SCATTER` of the learned goal it had arrived, and its distances are taken to its own end; so transitions
+   are as accurate as single demonstrations, not as their spread. (Not for the hand, which stalls where an object lets
+   it.) A passage that was stopped early, where most to the same exit arrived, says nothing about that exit.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies.features import CONTROLLED, ENTITIES, FORCE, Measurement, trajectory
+from policies.movement_primitives import MovementPrimitives
+from policies.sequence_graph import SequenceGraph, TransitionPoint, segments
+
+Array = NDArray[np.float64]
+
+TOLERANCE = {"position": 0.004, "orientation": 0.035, "hand": 0.05, "force": 0.001}
+"""[m], [rad], [rad], [m]: nearer than this is arrived; about twice the controller's residual error, so that the learned
+goal itself is always well inside. Along a force axis nothing is reached: there it is the measurement's resolution."""
+SCATTER = {"position": 0.05, "orientation": 0.26, "hand": 0.35}
+"""[m], [rad], [rad]: farther from the learned goal a passage did not end at it; three times a human's spread."""
+END = -1
+"""Exit of a passage with which a demonstration ended."""
+
+
+class Passage(NamedTuple):
+    """One time that a demonstration went through a node."""
+
+    demonstration: int
+    node: int
+    start: int
+    """First observation."""
+    stop: int
+    """Last observation, which the teacher saw when it switched."""
+    exit: int
+    """Next node, or END."""
+
+
+def passages(graph: SequenceGraph, labels: Sequence[NDArray[np.int64]]) -> list[Passage]:
+    """Every demonstration cut at its transition points, in order; node 0 is left at its first observation."""
+    node_at = {point: b for (_, b), points in graph.transitions.items() for point in points}
+    result = []
+    for m, sequence in enumerate(labels):
+        parts = segments(sequence)
+        nodes = [node_at[TransitionPoint(m, part.start)] for part in parts]
+        result.append(Passage(m, 0, 0, 0, nodes[0]))
+        for part, node, following in zip(parts, nodes, [*nodes[1:], END], strict=True):
+            result.append(Passage(m, node, part.start, part.stop, following))
+    return result
+
+
+class PassageData:
+    """Task-space data of every passage through a graph, relative to the learned goals."""
+
+    def __init__(
+        self,
+        graph: SequenceGraph,
+        primitives: MovementPrimitives,
+        measurements: Sequence[Measurement],
+        labels: Sequence[NDArray[np.int64]],
+    ) -> None:
+        self.graph, self.primitives = graph, primitives
+        self.passages = passages(graph, labels)
+        self.labels = sorted({label for label in graph.labels if label >= 0})
+        self._deviations = {
+            (m, k): trajectory(measured, primitives.table, k, primitives.mean[k]) - primitives.goal[k]
+            for m, measured in enumerate(measurements)
+            for k in self.labels
+        }
+        self._arrived: dict[tuple[int, int], set[str]] = {}
+        for node, exit_ in {(p.node, p.exit) for p in self.passages if p.node != 0}:
+            own = [p for p in self.passages if (p.node, p.exit) == (node, exit_)]
+            entities = self.controlled(graph.labels[node])
+            self._arrived[node, exit_] = {e for e in entities if np.mean([self._at_goal(p, e) for p in own]) >= 0.5}
+
+    def controlled(self, k: int) -> list[str]:
+        """Entities that primitive k moves to a goal."""
+        return [e for e, part in ENTITIES.items() if (self.primitives.table.modes[k, part] == CONTROLLED).any()]
+
+    def forced(self, k: int) -> list[int]:
+        """Coordinates along which primitive k presses."""
+        return np.flatnonzero(self.primitives.table.modes[k] == FORCE).tolist()
+
+    def distance(self, k: int, entity: str, deviations: Array) -> Array:
+        """Norm over the controlled axes of one entity of deviations (..., N_COORDINATES)."""
+        part = ENTITIES[entity]
+        return np.linalg.norm(deviations[..., part] * (self.primitives.table.modes[k, part] == CONTROLLED), axis=-1)
+
+    def arrived(self, node: int, exit_: int) -> set[str]:
+        """Entities at whose goal most passages from a node to an exit ended: the exit waits for them."""
+        return self._arrived.get((node, exit_), set())
+
+    def moved(self, node: int) -> set[str]:
+        """Entities that a node moves, not merely keeps: in most passages by more than half of `SCATTER`, or the one
+        that moves most."""
+        k, own = self.graph.labels[node], [p for p in self.passages if p.node == node]
+        travel = {
+            e: np.median([self.distance(k, e, self.deviations(p, k)).max() for p in own]) / SCATTER[e]
+            for e in self.controlled(k)
+        }
+        return {e for e, way in travel.items() if way >= 0.5 or way == max(travel.values())}
+
+    def stopped_early(self, p: Passage) -> bool:
+        """Whether a passage missed a goal that most passages to its exit reached (rule 2)."""
+        return any(not self._at_goal(p, entity) for entity in self.arrived(p.node, p.exit))
+
+    def arrival(self, p: Passage) -> int:
+        """Number of samples on the way; from there on the passage stays within tolerance of its end (rule 1)."""
+        if p.node == 0:
+            return 0
+        k = self.graph.labels[p.node]
+        to_end = self._deviations[p.demonstration, k][p.start : p.stop + 1]
+        to_end = to_end - to_end[-1]
+        outside = np.zeros(len(to_end), dtype=bool)
+        for entity in self.controlled(k):
+            outside |= self.distance(k, entity, to_end) > TOLERANCE[entity]
+        for i in self.forced(k):
+            outside |= np.abs(to_end[:, i]) > TOLERANCE["force"]
+        return int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0
+
+    def deviations(self, p: Passage, k: int) -> Array:
+        """x - g (N, N_COORDINATES) of primitive k along a passage; to its own goal where that is known (rule 2)."""
+        x = self._deviations[p.demonstration, k][p.start : p.stop + 1].copy()
+        if p.node != 0 and k == self.graph.labels[p.node]:
+            own = np.zeros(x.shape[1])
+            for entity in self.arrived(p.node, p.exit) - {"hand"}:
+                if self._at_goal(p, entity):
+                    own[ENTITIES[entity]] = x[-1, ENTITIES[entity]]
+            x -= own * (self.primitives.table.modes[k] == CONTROLLED)
+        return x
+
+    def _at_goal(self, p: Passage, entity: str) -> bool:
+        k = self.graph.labels[p.node]
+        return bool(self.distance(k, entity, self._deviations[p.demonstration, k][p.stop]) <= SCATTER[entity])

@@ -1,0 +1,164 @@
+"""The learner of chapter 2: goals, graph, transitions (Figure 2.2), from labelled demonstrations."""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.action import ActionLayout
+from lfd_gym.demonstration import Demonstration
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
+from policies.features import FORCE, N_COORDINATES, measure, primitive_table
+from policies.goal_distance import KINDS
+from policies.goals import TIMES, NormalisedTime
+from policies.learner import Learner
+from policies.movement_primitives import learn_primitives
+from policies.passages import PassageData
+from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
+from policies.sequence_graph_skill import Node, SequenceGraphSkill, class_targets, longest_stillness
+from policies.transition_data import STAY, NodeData, TransitionData
+from policies.transitions import CLASSIFIERS, KERNELS, Decision, constant_decision
+
+PATIENCE_MARGIN = 0.5
+"""Stillness [s] allowed beyond `patience` times the longest one demonstrated in a node."""
+
+
+class TransitionWarning(UserWarning):
+    """A node's classifier cannot tell some of its classes apart."""
+
+
+class SequenceGraphLearner(Learner):
+    """Sequence graph of movement primitives with a classifier in every node (thesis 2.2-2.4).
+
+    Parameters:
+        graph: "global", "local" or "fully-connected" (2.3).
+        classifier: "svm" or "lr" (2.4).
+        kernel: of the SVM, "linear" or "rbf".
+        C: inverse strength of the classifier's regularisation.
+        feature: "entity", one goal distance per entity and side of a force axis, chosen per node; or "primitive", the
+            thesis's one scalar per primitive, of the node and all its successors.
+        time: normalised time of goal learning, "squared" as printed in (2.4), "arclength" or "real".
+        fold: whether repetitions become cycles (2.3.2).
+        match: how folded graphs are merged, see `sequence_graph.merge`.
+        dwell: the decision for an exit has to last for this many times the shortest rest that was demonstrated before
+            it: what takes a moment to show at a goal is waited for as the demonstrator did. 0: it is followed at once.
+        patience: a robot that stands still in a node for longer than this many times the longest stillness demonstrated
+            there, plus `PATIENCE_MARGIN`, takes its best exit: what the decision waits for is out of reach. None: never.
+    """
+
+    def __init__(
+        self,
+        graph: str = "global",
+        classifier: str = "svm",
+        kernel: str = "linear",
+        C: float = 10.0,
+        feature: str = "entity",
+        time: NormalisedTime = "arclength",
+        fold: bool = True,
+        match: Literal["label", "inputs"] = "label",
+        dwell: float = 1.0,
+        patience: float | None = 1.0,
+    ) -> None:
+        self.graph, self.classifier, self.kernel, self.C = graph, classifier, kernel, C
+        self.feature, self.time, self.fold, self.match = feature, time, fold, match
+        self.dwell, self.patience = dwell, patience
+
+    def learn(self, demonstrations: Sequence[Demonstration]) -> SequenceGraphSkill:
+        """Goals first, then the graph, then one classifier per node."""
+        self._check_arguments()
+        first = demonstrations[0]
+        names = tuple(primitive.name for primitive in first.primitives)
+        table = primitive_table(first.primitives, list(first.observations))
+        needed = [f"frame_{name}" for name in table.frames[1:]] + ["wrench"] * bool((table.modes == FORCE).any())
+        _check_measurements(demonstrations, needed)
+        measurements = [measure(demonstration.observations, table.frames) for demonstration in demonstrations]
+        labels = [demonstration.labels for demonstration in demonstrations]
+        primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
+        graph = self._sequence_graph(labels)
+        data = PassageData(graph, primitives, measurements, labels)
+        transitions = TransitionData(data, self.feature)
+        nodes = []
+        for node in range(graph.n_nodes):
+            own = [p for p in data.passages if p.node == node]
+            still = [longest_stillness(measurements[p.demonstration], p.start, p.stop) for p in own]
+            nodes.append(self._node(graph, node, transitions.node(node), max(still, default=0), names, first.dt))
+        return SequenceGraphSkill(
+            graph,
+            primitives,
+            nodes,
+            ActionLayout.from_dict(first.action_layout),
+            float(first.dt),
+            env_id=first.env_id,
+            taught_seeds=tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations),
+            metadata={"learner": self._summary(), "parameters": self.get_params(), "taught_with": len(demonstrations)},
+        )
+
+    def _sequence_graph(self, labels: Sequence[NDArray[np.int64]]) -> SequenceGraph:
+        if self.graph == "global":
+            return global_graph(labels, self.fold, self.match)
+        return GRAPHS[self.graph](labels)
+
+    def _node(
+        self, graph: SequenceGraph, node: int, data: NodeData | None, stillness: int, names: Sequence[str], dt: float
+    ) -> Node:
+        """A node with its classifier; stillness in samples."""
+        if data is None:
+            none, no_gains = np.empty(0), np.empty((0, N_COORDINATES))
+            return Node((), none.astype(np.int64), no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
+        seen, classes = np.unique(data.classes, return_inverse=True)
+        targets = class_targets(node, data.exits)
+        decision = self._decision(data, classes, len(seen))
+        text = graph.node_names(names)
+        for exit_, goal in data.goal_states.items():
+            if seen[int(np.argmax(decision.scores(goal)))] == STAY:
+                after = text[exit_] if exit_ >= 0 else "the end"
+                message = f"node '{text[node]}' cannot tell its goal, where '{after}' follows, from the way there"
+                warnings.warn(message, TransitionWarning, stacklevel=4)
+        patience = np.inf
+        if self.patience is not None and not (targets[1:] == node).any():
+            patience = self.patience * stillness * dt + PATIENCE_MARGIN
+        rests = np.array([0, *(data.rests[exit_] for exit_ in data.exits)])[seen]
+        return Node(
+            tuple(feature.name for feature in data.features),
+            np.array([feature.primitive for feature in data.features], dtype=np.int64),
+            np.array([feature.gain for feature in data.features]).reshape(-1, N_COORDINATES),
+            np.array([feature.side for feature in data.features]),
+            targets[seen],
+            self.dwell * dt * rests,
+            decision,
+            patience,
+        )
+
+    def _decision(self, data: NodeData, classes: NDArray[np.int64], n_classes: int) -> Decision:
+        if n_classes == 1 or not data.features:
+            return constant_decision(n_classes, len(data.features))
+        settings: dict[str, Any] = {"kernel": self.kernel} if self.classifier == "svm" else {}
+        return CLASSIFIERS[self.classifier](data.samples, classes, data.weights, self.C, **settings)[1]
+
+    def _summary(self) -> str:
+        classifier = f"{self.kernel} {self.classifier}" if self.classifier == "svm" else self.classifier
+        return f"sequence-graph, {self.graph}, {classifier}"
+
+    def _check_arguments(self) -> None:
+        possible = {"graph": tuple(GRAPHS), "classifier": tuple(CLASSIFIERS), "kernel": KERNELS, "feature": KINDS}
+        for name, values in (possible | {"time": TIMES, "match": MATCHES}).items():
+            if getattr(self, name) not in values:
+                raise UnknownNameError(name, str(getattr(self, name)), values)
+        if not self.C > 0:
+            raise InvalidArgumentError(f"C is {self.C}; it must be positive")
+        if not self.dwell >= 0:
+            raise InvalidArgumentError(f"dwell is {self.dwell}; it must be 0 or more")
+        if self.patience is not None and not self.patience >= 0:
+            raise InvalidArgumentError(f"patience is {self.patience}; it must be 0 or more, or None for never")
+
+
+def _check_measurements(demonstrations: Sequence[Demonstration], needed: Sequence[str]) -> None:
+    for i, demonstration in enumerate(demonstrations):
+        for name in needed:
+            if name not in demonstration.observations:
+                raise DemonstrationError(f"demonstration {i} has no observation '{name}', which this method needs")
+        for name in (*needed, "hand_position", "hand_torque"):
+            if not np.isfinite(demonstration.observations.get(name, 0.0)).all():
+                raise DemonstrationError(f"the observation '{name}' of demonstration {i} is not finite")

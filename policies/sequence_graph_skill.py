@@ -1,0 +1,272 @@
+"""The skill of chapter 2: a sequence graph whose nodes activate attractors and decide when to move on."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lfd_gym import quaternion
+from lfd_gym.action import ActionLayout
+from policies.features import (
+    CONTROLLED,
+    FORCE,
+    HAND,
+    HOLD,
+    WORLD,
+    Measurement,
+    PrimitiveTable,
+    goal_distance,
+    task_coordinates,
+    world_goal,
+)
+from policies.movement_primitives import MovementPrimitives
+from policies.passages import END
+from policies.sequence_graph import SequenceGraph
+from policies.skill import Observation, Skill, State
+from policies.transitions import DECISIONS, Decision
+
+Array = NDArray[np.float64]
+
+STILL_POSITION, STILL_ANGLE = 0.002, 0.02
+"""Motion [m], [rad] since it last moved within which the robot counts as still."""
+
+
+class Node(NamedTuple):
+    """What one node knows, beside its primitive."""
+
+    feature_names: tuple[str, ...]
+    feature_primitives: NDArray[np.int64]
+    """(n,) whose goal distance each feature is."""
+    gains: Array
+    """(n, N_COORDINATES)."""
+    sides: Array
+    """(n,)."""
+    targets: NDArray[np.int64]
+    """(C,) node to go to for every class of the decision: the node itself to stay."""
+    dwell: Array
+    """(C,) how long [s] the decision for a class has to last before it is followed."""
+    decision: Decision | None
+    """None in a terminal node."""
+    patience: float
+    """Stillness [s] after which the best exit is taken whatever the decision; infinite for never."""
+
+
+NODE_ARRAYS = ("feature_primitives", "gains", "sides", "targets", "dwell")
+
+
+class Memory(NamedTuple):
+    """State of a skill, one row per environment."""
+
+    node: NDArray[np.int64]
+    """(n,) active node; 0 before the first observation."""
+    position: Array
+    """(n, 3) last goal of the tool point, world frame [m]; what a primitive holds."""
+    quaternion: Array
+    """(n, 4) last goal orientation, world frame."""
+    hand: Array
+    """(n, 4) last goal of the hand [rad]."""
+    anchor: Array
+    """(n, 11) position, quaternion and hand when the robot last moved."""
+    still: Array
+    """(n,) time since then [s]."""
+    chosen: NDArray[np.int64]
+    """(n,) class that the node's decision chose last; 0 is to stay."""
+    lasted: Array
+    """(n,) since when it chose it [s]."""
+
+
+class SequenceGraphSkill(Skill):
+    """Activates the attractor of the current node and asks its classifier whether to move on (thesis 2.1.2)."""
+
+    kind: ClassVar[str] = "sequence-graph"
+
+    def __init__(
+        self,
+        graph: SequenceGraph,
+        primitives: MovementPrimitives,
+        nodes: Sequence[Node],
+        layout: ActionLayout,
+        dt: float,
+        **facts: Any,
+    ) -> None:
+        """Parts as learned; dt is the control step [s]; facts as in `Skill`."""
+        super().__init__(**facts)
+        self.graph, self.primitives, self.nodes, self.layout, self.dt = graph, primitives, tuple(nodes), layout, dt
+        self.primitive_names = primitives.names
+        self._frame_keys = ["frame_" + name for name in primitives.table.frames[1:]]
+
+    def active(self, state: State) -> NDArray[np.int64]:
+        """Label of the active primitive of every row; -1 before the first observation."""
+        return np.array(self.graph.labels)[Memory(*state).node]
+
+    def start(self, n: int) -> State:
+        """Before the first observation nothing is active; the first one fills the goals."""
+        identity = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+        none, zero = np.zeros(n, dtype=np.int64), np.zeros(n)
+        return Memory(none, np.zeros((n, 3)), identity, np.zeros((n, 4)), np.zeros((n, 11)), zero, none, zero)
+
+    def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
+        """One control step: classify, then the goal of the node that is active now."""
+        seen, frames = self._measure(observation)
+        memory = Memory(*state)
+        if memory.node == 0:
+            memory = memory._replace(position=seen[:3], quaternion=seen[3:7], hand=seen[7:], anchor=seen)
+        still = _is_still(seen, memory.anchor)
+        memory = memory._replace(
+            anchor=memory.anchor if still else seen, still=memory.still + self.dt if still else np.array(0.0)
+        )
+        memory = self._move_on(seen, frames, memory)
+        label = self.graph.labels[int(memory.node)]
+        position, orientation, hand, force = self._goal(label, seen, frames, memory)
+        action = self.layout.encode(position, orientation, force, hand[: self.layout.hand_low.size])
+        return action, memory._replace(position=position, quaternion=orientation, hand=hand)
+
+    def features(self, node: int, seen: Array, frames: Array) -> Array:
+        """Features (n,) of a node for one measurement."""
+        this, p = self.nodes[node], self.primitives
+        table = p.table
+        return _features(
+            seen, frames, this.feature_primitives, this.gains, this.sides,
+            table.position_frame, table.orientation_frame, p.mean, p.goal,
+        )  # fmt: skip
+
+    def _measure(self, observation: Observation) -> tuple[Array, Array]:
+        """Position, quaternion and hand (11,), and the frames (F, 7)."""
+        seen = np.zeros(11)
+        seen[:3] = observation["tool_position"]
+        seen[3:7] = observation["tool_quaternion"]
+        if self.layout.hand_low.size:
+            seen[7:] = observation["hand_position"]
+        frames = np.empty((len(self._frame_keys) + 1, 7))
+        frames[0] = WORLD
+        for i, key in enumerate(self._frame_keys, start=1):
+            frames[i] = observation[key]
+        return seen, frames
+
+    def _move_on(self, seen: Array, frames: Array, memory: Memory) -> Memory:
+        """Follow the largest activation once it has lasted; the best exit where the robot was still for too long."""
+        current, zero = int(memory.node), np.array(0.0)
+        node = self.nodes[current]
+        if node.decision is None:
+            return memory
+        scores = node.decision.scores(self.features(current, seen, frames))
+        chosen = int(np.argmax(scores))
+        lasted = memory.lasted + self.dt if chosen == memory.chosen else zero
+        if memory.still > node.patience:
+            chosen = int(np.argmax(np.where(node.targets == current, -np.inf, scores)))
+        elif lasted < node.dwell[chosen] - 1e-9:
+            return memory._replace(chosen=np.array(chosen), lasted=lasted)
+        if (following := int(node.targets[chosen])) == current:
+            return memory._replace(chosen=np.array(chosen), lasted=lasted)
+        return memory._replace(node=np.array(following), anchor=seen, still=zero, chosen=np.array(0), lasted=zero)
+
+    def _goal(self, label: int, seen: Array, frames: Array, memory: Memory) -> tuple[Array, Array, Array, Array]:
+        """World goal of position, quaternion and hand, and the force, of a primitive.
+
+        A held coordinate keeps the last goal in the world. Along a force axis the goal is the measured position, so
+        that a primitive that holds this axis next holds it where the pressing ended.
+        """
+        p, table = self.primitives, self.primitives.table
+        at, turned = frames[table.position_frame[label]], frames[table.orientation_frame[label]]
+        modes = table.modes[label]
+        held = task_coordinates(memory.position, memory.quaternion, memory.hand, at, turned, p.mean[label])
+        x = np.where(modes == CONTROLLED, p.goal[label], held)
+        x[HAND] += p.grip[label]
+        if (modes == FORCE).any():
+            now = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, p.mean[label])
+            x = np.where(modes == FORCE, now, x)
+        position, orientation = world_goal(x, at, turned, p.mean[label])
+        if (modes[:3] == HOLD).all():
+            position = memory.position
+        if (modes[3:6] == HOLD).all():
+            orientation = memory.quaternion
+        return position, orientation, x[6:], quaternion.rotate(at[3:], p.force[label])
+
+    def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Graph, primitives and nodes."""
+        p = self.primitives
+        arrays: dict[str, NDArray[Any]] = {
+            "position_frame": p.table.position_frame, "orientation_frame": p.table.orientation_frame,
+            "modes": p.table.modes, "mean": p.mean, "goal": p.goal, "grip": p.grip, "force": p.force,
+        }  # fmt: skip
+        described = []
+        kinds = {cls: name for name, cls in DECISIONS.items()}
+        for i, node in enumerate(self.nodes):
+            for name in NODE_ARRAYS:
+                arrays[f"node{i}_{name}"] = getattr(node, name)
+            decision: Any = node.decision
+            kind = None if decision is None else kinds[type(decision)]
+            if decision is not None:
+                arrays |= {f"node{i}_decision_{name}": np.asarray(a) for name, a in decision._asdict().items()}
+            patience = node.patience if np.isfinite(node.patience) else None
+            described.append({"features": list(node.feature_names), "decision": kind, "patience": patience})
+        values = {
+            "graph": self.graph.to_dict(), "names": list(p.names), "frames": list(p.table.frames),
+            "layout": self.layout.to_dict(), "dt": self.dt, "nodes": described,
+        }  # fmt: skip
+        return values, arrays
+
+    @classmethod
+    def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
+        """The skill that `to_arrays` described."""
+        table = PrimitiveTable(
+            arrays["position_frame"], arrays["orientation_frame"], arrays["modes"], tuple(header["frames"])
+        )
+        learned = [arrays[name] for name in ("mean", "goal", "grip", "force")]
+        primitives = MovementPrimitives(tuple(header["names"]), table, *learned)
+        nodes = []
+        for i, node in enumerate(header["nodes"]):
+            prefix = f"node{i}_decision_"
+            parts = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
+            decision = None if node["decision"] is None else DECISIONS[node["decision"]](**parts)
+            plain = {name: arrays[f"node{i}_{name}"] for name in NODE_ARRAYS}
+            patience = np.inf if node["patience"] is None else node["patience"]
+            nodes.append(Node(tuple(node["features"]), decision=decision, patience=patience, **plain))
+        graph, layout = SequenceGraph.from_dict(header["graph"]), ActionLayout.from_dict(header["layout"])
+        return cls(graph, primitives, nodes, layout, header["dt"], **facts)
+
+
+def class_targets(node: int, exits: Sequence[int]) -> NDArray[np.int64]:
+    """Node that each class stands for: class 0 and the end of the demonstration are to stay."""
+    return np.array([node, *(node if e == END else e for e in exits)], dtype=np.int64)
+
+
+def longest_stillness(measured: Measurement, start: int, stop: int) -> int:
+    """Largest number of samples between two steps during which the robot counted as still."""
+    seen = np.concatenate([measured.position, measured.quaternion, measured.hand], axis=1)[start : stop + 1]
+    longest, since, anchor = 0, 0, seen[0]
+    for t in range(1, len(seen)):
+        if not _is_still(seen[t], anchor):
+            anchor, since = seen[t], t
+        longest = max(longest, t - since)
+    return longest
+
+
+@njit(cache=True)
+def _is_still(seen: Array, anchor: Array) -> bool:
+    moved = np.abs(seen[:3] - anchor[:3]).max() > STILL_POSITION
+    turned = 2.0 * np.sqrt(max(0.0, 1.0 - np.dot(seen[3:7], anchor[3:7]) ** 2)) > STILL_ANGLE
+    return not (moved or turned or np.abs(seen[7:] - anchor[7:]).max() > STILL_ANGLE)
+
+
+@njit(cache=True)
+def _features(
+    seen: Array,
+    frames: Array,
+    primitives: NDArray[np.int64],
+    gains: Array,
+    sides: Array,
+    position_frame: NDArray[np.int64],
+    orientation_frame: NDArray[np.int64],
+    mean: Array,
+    goal: Array,
+) -> Array:
+    result = np.empty(len(primitives))
+    for j in range(len(primitives)):
+        k = primitives[j]
+        at, turned = frames[position_frame[k]], frames[orientation_frame[k]]
+        x = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, mean[k])
+        result[j] = goal_distance(x - goal[k], gains[j], sides[j])
+    return result

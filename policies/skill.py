@@ -1,0 +1,113 @@
+"""Skills: learned policies, their predictor protocol and their files.
+
+A skill's file is one `npz` of plain arrays and a JSON header with a schema version. Loading never runs code from it.
+"""
+
+import json
+import os
+import zipfile
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.errors import SkillFileError
+from lfd_gym.paths import written_whole
+
+SCHEMA = "lfd_gym.skill/1"
+HEADER = "header"
+"""Name of the array that holds the JSON header."""
+
+Observation = Mapping[str, NDArray[Any]]
+State = tuple[NDArray[Any], ...]
+
+
+class Skill(ABC):
+    """A learned policy: immutable, picklable, and a predictor in Stable-Baselines3's sense.
+
+    A subclass states `kind`, the key under which `policies.SKILLS` finds it, and implements `start`, `decide`,
+    `to_arrays` and `from_arrays`.
+    """
+
+    kind: ClassVar[str]
+
+    def __init__(self, env_id: str, taught_seeds: tuple[int, ...], metadata: Mapping[str, Any]) -> None:
+        """env_id it was taught in, reset seeds of the demonstrations, and JSON-able facts for reports."""
+        self.env_id, self.taught_seeds, self.metadata = env_id, tuple(taught_seeds), dict(metadata)
+
+    @abstractmethod
+    def start(self, n: int) -> State:
+        """State before the first observation: arrays with one row per environment."""
+
+    @abstractmethod
+    def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
+        """Action (A,) for one observation of (d,) arrays; state holds one row without its leading axis."""
+
+    @abstractmethod
+    def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """What was learned, as JSON values and arrays."""
+
+    @classmethod
+    @abstractmethod
+    def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
+        """The skill that `to_arrays` described; facts are the arguments of this class's constructor."""
+
+    def predict(
+        self,
+        observation: Observation,
+        state: State | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], State]:
+        """Action and next state; observation arrays (d,) give (A,), arrays (n, d) give (n, A).
+
+        state has one row per environment (one for unvectorised observations); None starts. Rows are started over where
+        episode_start is True. `deterministic` changes nothing: skills are deterministic.
+        """
+        vectorised = np.ndim(next(iter(observation.values()))) == 2
+        n = len(next(iter(observation.values()))) if vectorised else 1
+        fresh = self.start(n)
+        if state is None:
+            state = fresh
+        elif episode_start is not None:
+            started = np.atleast_1d(episode_start)
+            state = tuple(
+                np.where(started.reshape((n,) + (1,) * (new.ndim - 1)), new, old)
+                for new, old in zip(fresh, state, strict=True)
+            )
+        rows = []
+        for i in range(n):
+            seen = {name: values[i] for name, values in observation.items()} if vectorised else observation
+            rows.append(self.decide(seen, tuple(array[i] for array in state)))
+        actions = np.stack([action for action, _ in rows])
+        following = tuple(np.stack(arrays) for arrays in zip(*(new for _, new in rows), strict=True))
+        return (actions if vectorised else actions[0]), following
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the skill to one file, which is there whole or not at all."""
+        values, arrays = self.to_arrays()
+        facts = {"env_id": self.env_id, "taught_seeds": list(self.taught_seeds), "metadata": self.metadata}
+        header = json.dumps({"schema": SCHEMA, "kind": self.kind, "facts": facts, "values": values}, sort_keys=True)
+        with written_whole(path) as temporary, open(temporary, "wb") as file:
+            everything: dict[str, Any] = {HEADER: np.array(header), **arrays}
+            np.savez(file, **everything)
+
+
+def read_skill_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Header and arrays of a skill's file; SkillFileError says in one line what is wrong with it."""
+    path = Path(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        header = json.loads(str(arrays.pop(HEADER)))
+    except FileNotFoundError:
+        raise SkillFileError(f"no skill at '{path}'; 'lfd-gym learn' writes one") from None
+    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise SkillFileError(f"'{path}' is no skill, or is damaged; 'lfd-gym learn' writes skills") from error
+    if not isinstance(header, dict) or header.get("schema") != SCHEMA:
+        found = header.get("schema") if isinstance(header, dict) else None
+        raise SkillFileError(f"'{path}' has the schema {found!r}; this version reads {SCHEMA!r}")
+    return header, arrays
