@@ -14,11 +14,13 @@ The dead zone is subtracted and what remains is stretched, so that force 1 is th
 """
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import quaternion
@@ -89,29 +91,29 @@ class ActionLayout:
         """Number of components of an action."""
         return 9 + self.hand_low.size
 
-    def check(self, action: ArrayLike) -> Array:
-        """The action as float64, clipped to [-1, 1]. Raises InvalidActionError for wrong shapes and values."""
-        array = np.asarray(action, dtype=np.float64)
-        if array.shape != (self.size,):
-            raise InvalidActionError(f"action of shape {array.shape}; expected ({self.size},)")
-        if not np.isfinite(array).all():
-            where = ", ".join(map(str, np.flatnonzero(~np.isfinite(array))))
-            raise InvalidActionError(f"action is not finite in component {where}; expected numbers in [-1, 1]")
-        return np.clip(array, -1.0, 1.0)
-
     def decode(self, action: ArrayLike) -> Goal:
-        """The physical meaning of an action; finite values outside [-1, 1] are clipped."""
-        a = self.check(action)
-        position = self.workspace_low + 0.5 * (a[self.position] + 1.0) * (self.workspace_high - self.workspace_low)
-        turn = quaternion.from_rotation_vector(a[self.rotation] * self.rotation_limit)
-        magnitude = float(np.sqrt(a[self.force] @ a[self.force]))
-        scale = 0.0
-        if magnitude > DEAD_ZONE:
-            scale = self.force_limit * min((magnitude - DEAD_ZONE) / (1.0 - DEAD_ZONE), 1.0) / magnitude
-        hand = self.hand_low + 0.5 * (a[self.hand] + 1.0) * (self.hand_high - self.hand_low)
-        return Goal(
-            position, quaternion.multiply(turn, self.reference_quaternion), a[self.force] * scale, hand
+        """The physical meaning of an action; finite values outside [-1, 1] are clipped.
+
+        Raises:
+            InvalidActionError: wrong shape, or not finite.
+        """
+        a = np.asarray(action, dtype=np.float64)
+        if a.shape != (self.size,):
+            raise InvalidActionError(f"action of shape {a.shape}; expected ({self.size},)")
+        goal = _decode(
+            a,
+            self.workspace_low,
+            self.workspace_high,
+            self.rotation_limit,
+            self.force_limit,
+            self.hand_low,
+            self.hand_high,
+            self.reference_quaternion,
         )
+        if goal[0] != goal[0]:
+            where = ", ".join(map(str, np.flatnonzero(~np.isfinite(a))))
+            raise InvalidActionError(f"action is not finite in component {where}; expected numbers in [-1, 1]")
+        return Goal(goal[0:3], goal[3:7], goal[7:10], goal[10:])
 
     def encode(
         self, position: ArrayLike, quaternion_: ArrayLike, force: ArrayLike = (0.0, 0.0, 0.0), hand: ArrayLike = ()
@@ -122,9 +124,9 @@ class ActionLayout:
             InvalidActionError: the number of hand angles does not fit.
         """
         out = np.empty(self.size)
-        out[self.position] = 2.0 * (np.asarray(position) - self.workspace_low) / (
-            self.workspace_high - self.workspace_low
-        ) - 1.0
+        out[self.position] = (
+            2.0 * (np.asarray(position) - self.workspace_low) / (self.workspace_high - self.workspace_low) - 1.0
+        )
         relative = quaternion.multiply(np.asarray(quaternion_, float), quaternion.conjugate(self.reference_quaternion))
         out[self.rotation] = quaternion.to_rotation_vector(relative) / self.rotation_limit
         f = np.asarray(force, float)
@@ -157,3 +159,32 @@ class ActionLayout:
     def __hash__(self) -> int:
         """Hash of the numbers."""
         return hash(json.dumps(self.to_dict()))
+
+
+@njit(cache=True)
+def _decode(
+    action: Array,
+    low: Array,
+    high: Array,
+    rotation_limit: Array,
+    force_limit: float,
+    hand_low: Array,
+    hand_high: Array,
+    reference: Array,
+) -> Array:
+    """Position, quaternion, force and hand angles in one array (10 or 14,); NaN first where the action is not finite."""
+    goal = np.empty(10 + hand_low.size)
+    for value in action:
+        if not np.isfinite(value):
+            goal[0] = np.nan
+            return goal
+    a = np.minimum(np.maximum(action, -1.0), 1.0)
+    goal[0:3] = low + 0.5 * (a[0:3] + 1.0) * (high - low)
+    goal[3:7] = quaternion.multiply(quaternion.from_rotation_vector(a[3:6] * rotation_limit), reference)
+    magnitude = math.sqrt(a[6] * a[6] + a[7] * a[7] + a[8] * a[8])
+    scale = 0.0
+    if magnitude > DEAD_ZONE:
+        scale = force_limit * min((magnitude - DEAD_ZONE) / (1.0 - DEAD_ZONE), 1.0) / magnitude
+    goal[7:10] = scale * a[6:9]
+    goal[10:] = hand_low + 0.5 * (a[9:] + 1.0) * (hand_high - hand_low)
+    return goal

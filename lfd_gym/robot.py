@@ -1,9 +1,11 @@
 """The robot in one simulation: what it is told, what it measures, and its controller at the physics rate."""
 
 from collections.abc import Callable
+from functools import partial
 
 import mujoco
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 from lfd_gym import controller, quaternion, servo, wam
@@ -37,12 +39,8 @@ class Robot:
         self._write_settings(tool, stiffness)
         self.tick = self._bind()
         self._site = data.site(f"{tool}/tool")
-        self._sensor = data.site(f"{tool}/wrist_sensor")
-        self._joints = data.qpos[: wam.N_JOINTS], data.qvel[: wam.N_JOINTS]
-        self._hand_force = data.actuator_force[wam.N_JOINTS :]
-        record = self._memory[0]
-        self._reference = record["position"], record["quaternion"], record["velocity"], record["tool_velocity"]
-        self._wrench_sum = record["wrench_sum"]
+        self._memory_fields = {name: self._memory[name][0] for name in servo.MEMORY.names}
+        self._goal = tuple(self._command[name][0] for name in servo.COMMAND.names)
         self.state_size = servo.MEMORY.itemsize // 8
 
     def _write_settings(self, tool: str, stiffness: float) -> None:
@@ -66,63 +64,55 @@ class Robot:
             s["hand_stiffness"] = model.actuator_gainprm[n : n + 4, 0]
 
     def _bind(self) -> Callable[[], None]:
-        """The controller's step as a function without arguments."""
-        records = (self._settings, self._command, self._memory)
-        arguments, work, gains = self._handles.arguments, np.zeros((24, 14)), controller.NullSpace()
-
-        def tick() -> None:
-            servo.tick(*records, *arguments, work, gains)
-
-        return tick
+        """The controller's step as a function without arguments, past Numba's type dispatch, which costs as much again."""
+        arguments = (
+            *(self._settings, self._command, self._memory),
+            *self._handles.arguments,
+            np.zeros((24, 14)),
+            controller.NullSpace(),
+        )
+        mujoco.mj_forward(self.model, self.data)
+        servo.tick(*arguments)
+        signature = tuple(typeof(argument) for argument in arguments)
+        return partial(servo.tick.overloads[signature].entry_point, *arguments)
 
     def reset(self) -> None:
         """Stand in the home posture, hand open, reference at the tool, nothing commanded."""
-        self._joints[0][:] = wam.HOME
-        m, c = self._memory[0], self._command[0]
         self._memory[:] = 0
+        self.data.qpos[: wam.N_JOINTS] = wam.HOME
         mujoco.mj_forward(self.model, self.data)
-        m["position"], m["quaternion"] = self._site.xpos, self.tool_quaternion()
-        m["hand"][: self._handles.hand_addresses.size] = self.data.qpos[self._handles.hand_addresses]
-        c["position"], c["quaternion"], c["force"], c["hand"] = m["position"], m["quaternion"], 0.0, m["hand"]
+        hand = self.data.qpos[self._handles.hand_addresses]
+        m = self._memory_fields
+        m["position"][:], m["quaternion"][:] = self._site.xpos, self.tool_quaternion()
+        m["hand"][: hand.size] = hand
+        self.command(Goal(m["position"], m["quaternion"], np.zeros(3), hand))
         self.tick()
         mujoco.mj_forward(self.model, self.data)
-        m["wrench_sum"], m["ticks"], m["pressed"] = 0.0, 0.0, 0.0
+        self._memory["wrench_sum"], self._memory["ticks"], self._memory["pressed"] = 0.0, 0.0, 0.0
 
     def command(self, goal: Goal) -> None:
         """Set the goal that the next ticks are attracted to."""
-        c = self._command[0]
-        c["position"], c["quaternion"], c["force"] = goal.position, goal.quaternion, goal.force
-        if goal.hand.size:
-            c["hand"] = goal.hand
+        position, orientation, force, hand = self._goal
+        position[:], orientation[:], force[:] = goal.position, goal.quaternion, goal.force
+        hand[: goal.hand.size] = goal.hand
 
     def tool_quaternion(self) -> Array:
         """Orientation of the tool, world frame, in the half space of the layout's reference."""
         q = quaternion.from_matrix(self._site.xmat.reshape(3, 3))
         return q if q @ self.layout.reference_quaternion >= 0.0 else -q
 
-    def observe(self, flat: Array) -> int:
-        """Write what the robot measures into `flat`, in the order of the observation space; returns the end.
+    def observe(self, flat: Array, frames: NDArray[np.int64]) -> bool:
+        """Write all measurements into `flat`, in the order of the observation space; False where one is not finite.
 
-        The wrench is the mean since the last observation; right after a reset it is the wrench of the moment.
+        Args:
+            flat: shape (n,).
+            frames: ids of the tracked bodies.
         """
-        position, orientation, velocity, tool_velocity = self._reference
-        flat[0:7], flat[7:14] = self._joints
-        flat[14:17], flat[17:21], flat[21:27] = self._site.xpos, self.tool_quaternion(), tool_velocity
-        flat[27:30], flat[34:40] = position, velocity
-        flat[30:34] = orientation if orientation @ self.layout.reference_quaternion >= 0.0 else -orientation
-        m, s, wrench = self._memory[0], self._settings[0], flat[40:46]
-        if m["ticks"]:
-            np.divide(self._wrench_sum, m["ticks"], out=wrench)
-            m["wrench_sum"], m["ticks"] = 0.0, 0.0
-        else:
-            reading, com = self._handles.arguments[10:12]
-            sensor = self._sensor
-            servo.external_wrench(sensor.xmat, reading, sensor.xpos, com, s["tool_mass"], s["gravity"], wrench)
-        n = self._handles.hand_addresses.size
-        if n:
-            flat[46:50] = self.data.qpos[self._handles.hand_addresses]
-            flat[50:54] = self._hand_force
-        return 46 + 2 * n
+        data, reference = self.data, self.layout.reference_quaternion
+        return servo.observe(
+            flat, self._settings, self._memory, *self._handles.arguments[:2], *self._handles.arguments[6:13],
+            data.actuator_force, data.qacc, data.xpos, data.xquat, frames, reference,
+        )  # fmt: skip
 
     def get_state(self) -> Array:
         """The controller's memory as floats."""

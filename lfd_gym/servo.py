@@ -297,3 +297,59 @@ def tick(  # type: ignore[no-untyped-def]
     for i in range(s.n_hand):
         angles[i] = qpos[hand_joints[i]]
     drive_hand(settings, command, memory, angles, ctrl)
+
+
+@njit(cache=True)
+def observe(  # type: ignore[no-untyped-def]
+    flat,
+    settings,
+    memory,
+    qpos,
+    qvel,
+    tool,
+    tool_rotation,
+    sensor,
+    sensor_rotation,
+    reading,
+    tool_com,
+    hand_joints,
+    actuator_force,
+    acceleration,
+    body_position,
+    body_quaternion,
+    frames,
+    reference,
+):
+    """Writes the observation: joints, tool, reference, wrench, hand, frames; starts a new mean of the wrench.
+
+    Quaternions of tool and reference lie in the half space of `reference` (4,), those of frames have w >= 0. Right after a
+    reset the wrench is that of the moment. Returns whether positions, velocities and accelerations are finite.
+    """
+    s, m, n = settings[0], memory[0], controller.N_JOINTS
+    flat[0:7], flat[7:14] = qpos[:n], qvel[:n]
+    flat[14:17], flat[17:21] = tool, _towards(quaternion.from_matrix(tool_rotation.reshape(3, 3)), reference)
+    flat[21:27], flat[27:30] = m.tool_velocity, m.position
+    flat[30:34], flat[34:40] = _towards(m.quaternion, reference), m.velocity
+    if m.ticks > 0:
+        flat[40:46] = m.wrench_sum / m.ticks
+        m.wrench_sum[:] = 0.0
+        m.ticks = 0.0
+    else:
+        external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, flat[40:46])
+    at = 46
+    for i in range(s.n_hand):
+        flat[at + i] = qpos[hand_joints[i]]
+        flat[at + s.n_hand + i] = actuator_force[n + i]
+    at += 2 * s.n_hand
+    upward = np.array([1.0, 0.0, 0.0, 0.0])
+    for body in frames:
+        flat[at : at + 3], flat[at + 3 : at + 7] = body_position[body], _towards(body_quaternion[body], upward)
+        at += 7
+    return bool(np.isfinite(qpos).all() and np.isfinite(qvel).all() and np.isfinite(acceleration).all())
+
+
+@njit(cache=True)
+def _towards(q: Array, reference: Array) -> Array:
+    """The sign of q that lies in the half space of a reference."""
+    dot = q[0] * reference[0] + q[1] * reference[1] + q[2] * reference[2] + q[3] * reference[3]
+    return q.copy() if dot >= 0.0 else -q

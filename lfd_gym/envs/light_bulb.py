@@ -32,7 +32,7 @@ class LightBulbEnv(ManipulationEnv):
     | start          | holder and box anywhere in 25 x 60 cm, any yaw, at least 20 cm apart                               |
     | varies, hidden | turns until the bulb is loose 1-2, friction torque of the thread 0.06-0.12 N m                     |
     | success        | the bulb lies at rest in the box, nothing of the robot touches it, the tool is 15 cm away from it  |
-    | subtasks       | `grasped` (a finger touches the bulb from two sides), `loose`, `lifted`, `in_box`                  |
+    | subtasks       | `grasped` (two fingers touch the bulb), `loose`, `lifted`, `in_box`                  |
     | dense reward   | reach 0.15, turn 0.35, lift 0.1, carry 0.2, in the box and withdraw 0.2                            |
     | time limit     | 90 s                                                                                               |
 
@@ -65,7 +65,8 @@ class LightBulbEnv(ManipulationEnv):
     def build(self) -> None:
         """Find bulb, thread and fingers; register the thread's friction."""
         model, data = self.model, self.data
-        self._bulb_geoms = np.array([model.geom(f"bulb_{part}").id for part in ("cap", "neck", "glass")])
+        self._is_bulb = model.geom_bodyid == model.body("bulb").id
+        self._n_touches = 0
         turn = model.joint("nut_turn")
         self._thread_friction = model.dof_frictionloss[turn.dofadr[0] : turn.dofadr[0] + 1]
         self.vary(self._thread_friction)
@@ -119,15 +120,11 @@ class LightBulbEnv(ManipulationEnv):
         self._thread_friction[0] = rng.uniform(0.06, 0.12)
 
     def after_physics(self) -> None:
-        """The thread ends: the bulb is free."""
+        """The thread ends: the bulb is free. Counts the robot's contacts with the bulb."""
         if self._turn[0] > self._hidden[0] and not self._loose:
             self.data.eq_active[self._weld] = 0
-
-    def _touched(self) -> int:
-        """How many contacts the robot has with the bulb."""
         pairs = self.data.contact.geom
-        bulb = np.isin(pairs, self._bulb_geoms)
-        return int((bulb.any(axis=1) & self._is_robot[pairs].any(axis=1)).sum()) if len(pairs) else 0
+        self._n_touches = int(np.count_nonzero(self._is_bulb[pairs].any(axis=1) & self._is_robot[pairs].any(axis=1)))
 
     def _in_box(self) -> bool:
         offset = self._box_frame.reshape(3, 3).T @ (self._glass - self._box)
@@ -141,12 +138,12 @@ class LightBulbEnv(ManipulationEnv):
             and float(np.abs(self._twist[:3]).max()) < 0.05
             and float(np.abs(self._twist[3:]).max()) < 0.5
             and math.dist(self._tool, self._glass) > CLEARANCE
-            and self._touched() == 0
+            and self._n_touches == 0
         )
 
     def subtask_flags(self) -> tuple[bool, ...]:
         """Grasped, loose, lifted, in the box."""
-        return self._touched() >= 2, self._loose, self._pose[2] > SEAT + 0.04, self._in_box()
+        return self._n_touches >= 2, self._loose, self._pose[2] > SEAT + 0.04, self._in_box()
 
     def progress(self) -> float:
         """Reach, turn, lift, carry, withdraw."""

@@ -112,9 +112,11 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
         self._hidden = np.zeros(self.n_hidden)
+        self._broken = False
+        self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
         self._held = 0.0
         self._setup: dict[str, Any] = {}
-        self._frame_views = [(self.data.body(name).xpos, self.data.body(name).xquat) for name in self.frames]
+        self._frame_ids = np.array([self.model.body(name).id for name in self.frames])
         self._nominal: list[Array] | None = None
         self._build_spaces()
         self.build()
@@ -141,7 +143,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         """Draw what varies and is hidden; the fields have their nominal values before."""
 
     def after_physics(self) -> None:
-        """What the world does between two control steps (a thread that ends)."""
+        """What the world does between two control steps (a thread that ends), and what the predicates need of it."""
 
     def succeeded(self) -> bool:
         """The predicate: does the simulation's truth show the task done at this moment."""
@@ -183,7 +185,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self.place(self._setup)
         self.robot.reset()
         self._held = 0.0
-        return self._observe(), self._info(self.succeeded())
+        self.after_physics()
+        observation = self._observe()
+        return observation, self._info(self.succeeded())
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Command a goal for one control step. Raises InvalidActionError for NaN and wrong shapes."""
@@ -194,6 +198,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
             mujoco.mj_step2(model, data)
             mujoco.mj_step1(model, data)
         self.after_physics()
+        observation = self._observe()
         holds = self.succeeded()
         self._held = self._held + self.dt if holds else 0.0
         info = self._info(holds)
@@ -204,7 +209,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
             reward = 0.0 if self.reward_type == "sparse" else 0.95 * self.progress()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), reward, terminated, bool(data.time >= self.time_limit - 1e-9), info
+        return observation, reward, terminated, bool(data.time >= self.time_limit - 1e-9), info
 
     def render(self) -> NDArray[np.uint8] | None:
         """An image (height, width, 3) in mode "rgb_array"; a viewer window in mode "human"."""
@@ -261,6 +266,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self.data.sensordata[:] = sensors
         self.robot.set_state(robot)
         self._hidden[:], self._held = hidden, float(held[0])
+        self.after_physics()
         self._set_rng_state(rng)
 
     # inside
@@ -344,21 +350,16 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     def _observe(self) -> dict[str, Array]:
         flat = np.empty(self._low.size)
-        end = self.robot.observe(flat)
-        for position, orientation in self._frame_views:
-            flat[end : end + 3] = position
-            flat[end + 3 : end + 7] = orientation if orientation[0] >= 0.0 else -orientation
-            end += 7
+        self._broken = not self.robot.observe(flat, self._frame_ids)
         np.maximum(flat, self._low, out=flat)
         np.minimum(flat, self._high, out=flat)
         return {key: flat[where] for key, where in self._slices.items()}
 
     def _info(self, holds: bool) -> dict[str, Any]:
         success = holds and self._held >= HOLD_TIME - 1e-9
-        broken = not bool(np.isfinite(self.data.qacc).all() and np.isfinite(self.data.qpos).all())
-        info: dict[str, Any] = {"is_success": success, "success": success, "broken": broken}
-        for name, flag in zip(self.subtasks, self.subtask_flags(), strict=True):
-            info[f"subtask/{name}"] = bool(flag)
+        info: dict[str, Any] = {"is_success": success, "success": success, "broken": self._broken}
+        for name, flag in zip(self._subtask_keys, self.subtask_flags(), strict=True):
+            info[name] = bool(flag)
         return info
 
     def _rng_state(self) -> Array:

@@ -61,9 +61,10 @@ class MoveObjectEnv(ManipulationEnv):
     def build(self) -> None:
         """Find the object and register its mass and friction."""
         model, body = self.model, self.model.body("object").id
-        self._geoms = np.array([model.geom("object").id, model.geom("object_foot").id])
+        self._is_object = model.geom_bodyid == body
+        self._untouched = True
         self._mass, self._inertia = model.body_mass[body : body + 1], model.body_inertia[body]
-        self._friction = model.geom_friction[self._geoms[0], 0:1]
+        self._friction = model.geom_friction[model.geom("object").id, 0:1]
         self.vary(self._mass, self._inertia, self._friction)
         self._moves = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_bodyid != body)
         self._pose = self.data.joint("object_joint").qpos
@@ -104,11 +105,11 @@ class MoveObjectEnv(ManipulationEnv):
         self._inertia *= factor
         self._friction[0] = rng.uniform(0.6, 1.0)
 
-    def _untouched(self) -> bool:
-        """The object touches nothing but what is fixed to the world."""
+    def after_physics(self) -> None:
+        """See whether the object touches nothing but what is fixed to the world."""
         pairs = self.data.contact.geom
-        touches = np.isin(pairs, self._geoms).any(axis=1)
-        return not self._moves[pairs[touches]].any()
+        touches = self._is_object[pairs].any(axis=1)
+        self._untouched = not self._moves[pairs[touches]].any()
 
     def _off_target(self) -> float:
         dx, dy = self._object[0] - self._target[0], self._object[1] - self._target[1]
@@ -124,13 +125,13 @@ class MoveObjectEnv(ManipulationEnv):
             and self._standing()
             and float(np.abs(self._twist[:3]).max()) < 0.02
             and math.dist(self._tool, self._object) > CLEARANCE
-            and self._untouched()
+            and self._untouched
         )
 
     def subtask_flags(self) -> tuple[bool, ...]:
         """Lifted, on target, free."""
         lifted = self._object[2] > HEIGHT + 0.02
-        return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched()
+        return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched
 
     def progress(self) -> float:
         """Reach, lift, carry, withdraw."""
@@ -141,4 +142,4 @@ class MoveObjectEnv(ManipulationEnv):
         if not placed:
             return float(0.3 * reach + 0.2 * lift + 0.3 * carry)
         withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
-        return float(0.8 + 0.15 * withdrawn * self._untouched())
+        return float(0.8 + 0.15 * withdrawn * self._untouched)
