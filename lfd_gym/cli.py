@@ -136,12 +136,18 @@ def learn(
     settings: SetOption = None,
 ) -> None:
     """Learn a skill from demonstrations."""
-    learner = _learner(method, parse_settings(settings))
+    chosen = parse_settings(settings)
+    learner = _learner(method, chosen)
     from lfd_gym.demonstration import check_same_environment, load_demonstrations
 
     taught = [demonstration for path in demonstrations for demonstration in load_demonstrations(path)]
     env_id = check_same_environment(taught)
-    skill = learner.fit(taught).skill_
+    try:
+        skill = learner.fit(taught).skill_
+    except (TypeError, ValueError) as error:
+        if isinstance(error, LfdGymError) or not chosen:
+            raise
+        raise InvalidArgumentError(f"method '{method}' cannot learn with {chosen}: {error}") from error
     skill.save(out)
     print(f"{method}: learned {env_id} from {len(taught)} demonstrations, written to {out}")
 

@@ -1,0 +1,152 @@
+"""Plant one fault at a time and see that a test turns red: `make mutants`, or `python tests/mutants.py WORD` for some.
+
+Every mutant is one row: what is broken, the file, the text, its replacement, and the tests that must notice. It is
+applied to a copy of the tree; the checkout is never touched.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+COPIED = ("lfd_gym", "policies", "scripted_teachers", "assets", "tests", "pyproject.toml")
+
+
+class Mutant(NamedTuple):
+    """One planted fault."""
+
+    fault: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+MUTANTS = (
+    Mutant(
+        "seed of the episode ignored",
+        "lfd_gym/rollout.py",
+        "env.reset(seed=seed,",
+        "env.reset(seed=0,",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "every teacher draws the same numbers",
+        "lfd_gym/rollout.py",
+        "SeedSequence(seed, spawn_key=(2,))",
+        "SeedSequence(0, spawn_key=(2,))",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "a new episode keeps the policy's state",
+        "lfd_gym/rollout.py",
+        "state, episode_start = None, np.ones(1, dtype=bool)",
+        "state, episode_start = (np.ones(1),), np.zeros(1, dtype=bool)",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "interval of Wald in place of Wilson",
+        "lfd_gym/evaluation.py",
+        "centre = (rate + z * z / (2 * n)) / (1 + z * z / n)",
+        "centre = rate",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "taught seeds are evaluated",
+        "lfd_gym/evaluation.py",
+        "    if overlap:",
+        "    if False:",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "failed attempts are shown to the learner",
+        "lfd_gym/recording.py",
+        'if steps[-1].info["is_success"]:',
+        "if True:",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "the last observation is forgotten",
+        "lfd_gym/recording.py",
+        "[steps[-1].next_observation]",
+        "[steps[-1].observation]",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
+        "next_obs is obs",
+        "lfd_gym/demonstration.py",
+        "rows[:-1], rows[1:]",
+        "rows[:-1], rows[:-1]",
+        "tests/test_demonstration_file.py",
+    ),
+    Mutant(
+        "files are written in place",
+        "lfd_gym/paths.py",
+        "    temporary = Path(name)",
+        "    temporary = path",
+        "tests/test_demonstration_file.py",
+    ),
+    Mutant(
+        "a library imports a program",
+        "policies/__init__.py",
+        "import os\n",
+        "import os\nimport lfd_gym.cli\n",
+        "tests/test_imports.py",
+    ),
+    Mutant(
+        "repetitions are not folded",
+        "policies/sequence_graph.py",
+        "fold_repetitions: bool = True",
+        "fold_repetitions: bool = False",
+        "tests/test_sequence_graph.py",
+    ),
+    Mutant(
+        "the end of a segment counts no more than its start",
+        "policies/goals.py",
+        "w = np.arange(1, n + 1, dtype=np.float64) ** 2",
+        "w = np.ones(n)",
+        "tests/test_goals.py",
+    ),
+)
+
+
+def main(words: list[str]) -> int:
+    """Run the mutants whose fault contains one of the words, all without words; the number that no test noticed."""
+    chosen = [mutant for mutant in MUTANTS if not words or any(word in mutant.fault for word in words)]
+    missed = [mutant for mutant in chosen if not found(mutant)]
+    print(f"{len(chosen) - len(missed)} of {len(chosen)} mutants found")
+    return len(missed)
+
+
+def found(mutant: Mutant) -> bool:
+    """Whether the mutant's tests fail in a copy of the tree that has the fault."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name in COPIED:
+            source, copy = ROOT / name, Path(folder) / name
+            if source.is_dir():
+                shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
+            else:
+                shutil.copy(source, copy)
+        path = Path(folder) / mutant.file
+        text = path.read_text()
+        if text.count(mutant.old) != 1:
+            print(f"OUTDATED  {mutant.fault}: its text occurs {text.count(mutant.old)} times in {mutant.file}")
+            return False
+        path.write_text(text.replace(mutant.old, mutant.new))
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *mutant.tests.split()]
+        environment = os.environ | {"PYTHONPATH": folder, "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    red = done.returncode == 1
+    reason = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    print(
+        f"{'found' if red else 'MISSED':<10}{mutant.fault}: {reason[0] if reason else done.stdout[-300:]}", flush=True
+    )
+    return red
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
