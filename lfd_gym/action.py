@@ -3,12 +3,12 @@
 Every movement primitive of the thesis, a linear attractor (2.1) as well as a mixture of them (4.9), only chooses the goal g of
 an attractor, so g is the action. All parts are scaled to [-1, 1]:
 
-| part     | size | physical meaning                                                                                   |
-|----------|------|----------------------------------------------------------------------------------------------------|
-| position | 3    | goal of the tool point, world frame [m], over the workspace box                                    |
-| rotation | 3    | rotation vector r [rad]: R_goal = exp(r) R_ref in world axes, over the rotation limits             |
-| force    | 3    | force of the tool *on the world*, world frame [N], over the force limit; below `DEAD_ZONE` of it none |
-| hand     | 4    | goal joint angles of spread and three fingers [rad]; absent where a pen is mounted                 |
+| part | size | physical meaning |
+|---|---|---|
+| position | 3 | goal of the tool point, world frame [m], over the workspace box |
+| rotation | 3 | rotation vector r [rad]: R_goal = exp(r) R_ref in world axes, over the rotation limits |
+| force | 3 | force of the tool *on the world*, world frame [N], over the force limit; below `DEAD_ZONE` of it none |
+| hand | 4 | goal joint angles of spread and three fingers [rad]; absent where a pen is mounted |
 
 The dead zone is subtracted and what remains is stretched, so that force 1 is the force limit and the force starts from zero.
 """

@@ -39,8 +39,8 @@ class Robot:
         self._write_settings(tool, stiffness)
         self.tick = self._bind()
         self._site = data.site(f"{tool}/tool")
-        self._memory_fields = {name: self._memory[name][0] for name in servo.MEMORY.names}
-        self._goal = tuple(self._command[name][0] for name in servo.COMMAND.names)
+        self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
+        self._goal = tuple(self._command[name][0] for name in ("position", "quaternion", "force", "hand"))
         self.state_size = servo.MEMORY.itemsize // 8
 
     def _write_settings(self, tool: str, stiffness: float) -> None:

@@ -251,11 +251,11 @@ def tick(  # type: ignore[no-untyped-def]
     if mode == contact.CONTACT:
         for i in range(3):
             # a tool that is pulled out of the workspace stops at its border
-            if d[i] > 0.0 and tool[i] > s.workspace_high[i] or d[i] < 0.0 and tool[i] < s.workspace_low[i]:
+            if (d[i] > 0.0 and tool[i] > s.workspace_high[i]) or (d[i] < 0.0 and tool[i] < s.workspace_low[i]):
                 mode, timer = contact.APPROACH, 0.0
     m.mode, m.timer = mode, timer
     in_contact = mode == contact.CONTACT
-    if in_contact and before != contact.CONTACT or not in_contact:
+    if (in_contact and before != contact.CONTACT) or not in_contact:
         m.force_integral = 0.0
 
     q_tool = quaternion.from_matrix(tool_rotation.reshape(3, 3))

@@ -47,7 +47,9 @@ class Handles(NamedTuple):
     """Addresses of spread and finger angles in `qpos`; empty for a pen."""
 
 
-def scene_spec(scene: str, tool: str = "hand", tool_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> mujoco.MjSpec:
+def scene_spec(
+    scene: str, tool: str = "hand", tool_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> mujoco.MjSpec:
     """The specification of a scene from `assets/` with the tool mounted on the wrist sensor.
 
     Args:
@@ -69,7 +71,8 @@ def handles(model: mujoco.MjModel, data: mujoco.MjData, tool: str) -> Handles:
     site, sensor = data.site(f"{tool}/tool"), data.site(f"{tool}/wrist_sensor")
     first = model.sensor(f"{tool}/wrist_force").adr[0]
     addresses = np.array(
-        [model.joint(f"{tool}/{name}").qposadr[0] for name in HAND_JOINT_NAMES] if tool == "hand" else [], dtype=np.int64
+        [model.joint(f"{tool}/{name}").qposadr[0] for name in HAND_JOINT_NAMES] if tool == "hand" else [],
+        dtype=np.int64,
     )
     return Handles(
         joint_velocity=data.qvel,

@@ -4,7 +4,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from scripted_teachers.teacher import FORCE, HOLD, POSITION, Movement, Observation, ScriptedTeacher, above, at, primitive, tool_down
+from scripted_teachers.teacher import (
+    FORCE,
+    HOLD,
+    POSITION,
+    Movement,
+    Observation,
+    ScriptedTeacher,
+    above,
+    at,
+    primitive,
+    tool_down,
+)
 
 SPREAD = np.radians(60.0)
 OPEN, CLOSED = np.array([SPREAD, 0.0, 0.0, 0.0]), np.array([SPREAD, 2.0, 2.0, 2.0])

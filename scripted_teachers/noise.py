@@ -1,15 +1,15 @@
 """How a human teacher varies, as one scale.
 
-| what                                | noise 1                                            | contact-critical movements               |
-|-------------------------------------|----------------------------------------------------|------------------------------------------|
-| goal position                       | 1 cm standard deviation per axis                   | 2.5 mm: a human looks closely when grasping |
-| goal orientation                    | 3 degrees standard deviation per axis              | 1 degree                                 |
-| speed                               | x 0.6-1.5, log-uniform                             | the same                                 |
-| path                                | bowed sideways by up to 10 % of its length         | the same                                 |
-| pause after a movement              | 0.2-1.0 s                                          | the same                                 |
-| stopped early                       | one movement in ten, 5-15 % before its end         | never                                    |
-| pull                                | 5-15 N                                             |                                          |
-| thresholds that end a movement      | +- 20 %                                            | the same                                 |
+| what | noise 1 | contact-critical movements |
+|---|---|---|
+| goal position | 1 cm standard deviation per axis | 2.5 mm: a human looks closely when grasping |
+| goal orientation | 3 degrees standard deviation per axis | 1 degree |
+| speed | x 0.6-1.5, log-uniform | the same |
+| path | bowed sideways by up to 10 % of its length | the same |
+| pause after a movement | 0.2-1.0 s | the same |
+| stopped early | one movement in ten, 5-15 % before its end | never |
+| pull | 5-15 N | |
+| thresholds that end a movement | +- 20 % | the same |
 
 The scale multiplies every spread: noise 0 is clean, noise 2 doubles (a pull stays at least 3 N, a pause at least 0.1 s).
 """

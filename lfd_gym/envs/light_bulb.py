@@ -26,15 +26,15 @@ CLEARANCE = 0.15
 class LightBulbEnv(ManipulationEnv):
     """Unscrew a light bulb by caging it below its widest point and put it into a box (thesis 2.5.2, Figure 2.10).
 
-    | what           |                                                                                                    |
-    |----------------|----------------------------------------------------------------------------------------------------|
-    | frames         | `bulb_holder`, `box` (both on the table); the bulb itself is not tracked                           |
-    | start          | holder and box anywhere in 25 x 60 cm, any yaw, at least 20 cm apart                               |
-    | varies, hidden | turns until the bulb is loose 1-2, friction torque of the thread 0.06-0.12 N m                     |
-    | success        | the bulb lies at rest in the box, nothing of the robot touches it, the tool is 15 cm away from it  |
-    | subtasks       | `grasped` (two fingers touch the bulb), `loose`, `lifted`, `in_box`                  |
-    | dense reward   | reach 0.15, turn 0.35, lift 0.1, carry 0.2, in the box and withdraw 0.2                            |
-    | time limit     | 90 s                                                                                               |
+    | what | |
+    |---|---|
+    | frames | `bulb_holder`, `box` (both on the table); the bulb itself is not tracked |
+    | start | holder and box anywhere in 25 x 60 cm, any yaw, at least 20 cm apart |
+    | varies, hidden | turns until the bulb is loose 1-2, friction torque of the thread 0.06-0.12 N m |
+    | success | the bulb lies at rest in the box, nothing of the robot touches it, the tool is 15 cm away from it |
+    | subtasks | `grasped` (two fingers touch the bulb), `loose`, `lifted`, `in_box` |
+    | dense reward | reach 0.15, turn 0.35, lift 0.1, carry 0.2, in the box and withdraw 0.2 |
+    | time limit | 90 s |
 
     The tool point is where the planes of the three fingers meet at a spread of 60 degrees. Workspace: x 0.43-0.78,
     y -0.35-0.35, z 0.03-0.40 m; tilt 0.3 rad, yaw 1.6 rad; alpha 16, beta 4 1/s. Other arguments: see `ManipulationEnv`.
@@ -105,7 +105,9 @@ class LightBulbEnv(ManipulationEnv):
             self.within(name, setup[name]["position"], AREA_LOW, AREA_HIGH)
         distance = np.linalg.norm(np.subtract(setup["bulb_holder"]["position"], setup["box"]["position"]))
         if distance < MIN_DISTANCE - 1e-9:
-            raise InvalidSetupError(f"bulb_holder and box are {distance:.3f} m apart; possible: at least {MIN_DISTANCE} m")
+            raise InvalidSetupError(
+                f"bulb_holder and box are {distance:.3f} m apart; possible: at least {MIN_DISTANCE} m"
+            )
 
     def place(self, setup: Mapping[str, Any]) -> None:
         """Holder and box stand on the table, the bulb is screwed in."""
@@ -148,7 +150,9 @@ class LightBulbEnv(ManipulationEnv):
     def progress(self) -> float:
         """Reach, turn, lift, carry, withdraw."""
         if self._in_box():
-            return float(0.8 + 0.2 * tolerance(math.dist(self._tool, self._glass), (CLEARANCE, math.inf), margin=CLEARANCE))
+            return float(
+                0.8 + 0.2 * tolerance(math.dist(self._tool, self._glass), (CLEARANCE, math.inf), margin=CLEARANCE)
+            )
         reach = tolerance(math.dist(self._tool, self._glass), (0.0, 0.03), margin=0.3)
         turn = 1.0 if self._loose else min(max(self._turn[0] / self._hidden[0], 0.0), 1.0)
         lift = tolerance(self._pose[2] - SEAT, (0.04, math.inf), margin=0.04) if self._loose else 0.0

@@ -1,7 +1,7 @@
 """The base of all tasks: one robot, one controller, one clock; a task adds objects, a predicate and its rewards."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import gymnasium
 import mujoco
@@ -31,15 +31,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     **Observation**: a flat dictionary of bounded arrays in SI units; quaternions are (w, x, y, z).
 
-    | key                                        | size | meaning                                                        |
-    |--------------------------------------------|------|----------------------------------------------------------------|
-    | `joint_position`, `joint_velocity`         | 7    | of the arm                                                     |
-    | `tool_position`, `tool_quaternion`         | 3, 4 | pose of the tool point, world (quaternion in the half space of "down") |
-    | `tool_velocity`                            | 6    | linear, angular, world axes                                    |
-    | `reference_position`, `_quaternion`, `_velocity` | 3, 4, 6 | of the attractor inside the controller                  |
-    | `wrench`                                   | 6    | force, torque that the world exerts on the tool, world axes, about the sensor, mean over the step |
-    | `hand_position`, `hand_torque`             | 4    | spread and three fingers (absent with a pen)                   |
-    | `frame_<name>`                             | 7    | position and quaternion (w >= 0) of a tracked object           |
+    | key | size | meaning |
+    |---|---|---|
+    | `joint_position`, `joint_velocity` | 7 | of the arm |
+    | `tool_position`, `tool_quaternion` | 3, 4 | pose of the tool point, world (quaternion in the half space of "down") |
+    | `tool_velocity` | 6 | linear, angular, world axes |
+    | `reference_position`, `_quaternion`, `_velocity` | 3, 4, 6 | of the attractor inside the controller |
+    | `wrench` | 6 | force, torque that the world exerts on the tool, world axes, about the sensor, mean over the step |
+    | `hand_position`, `hand_torque` | 4 | spread and three fingers (absent with a pen) |
+    | `frame_<name>` | 7 | position and quaternion (w >= 0) of a tracked object |
 
     **Reward**: `sparse` is 1 while the success has held for a second, else 0; `dense` adds the task's progress in [0, 1).
 
@@ -58,7 +58,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         InvalidArgumentError: an argument lies outside what is possible.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 50}
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 50}  # noqa: RUF012 - Gymnasium's convention
 
     scene: ClassVar[str]
     """File of the scene in `assets/`."""
@@ -88,8 +88,10 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     ) -> None:
         if reward_type not in REWARD_TYPES:
             raise InvalidArgumentError(f"reward_type '{reward_type}'; possible: {', '.join(REWARD_TYPES)}")
-        if not control_hz > 0 or PHYSICS_HZ % control_hz:
-            raise InvalidArgumentError(f"control_hz {control_hz} does not divide {PHYSICS_HZ}; for example 50, 25 or 10 do")
+        if not isinstance(control_hz, int | float) or not control_hz > 0 or PHYSICS_HZ % control_hz:
+            raise InvalidArgumentError(
+                f"control_hz {control_hz!r} does not divide {PHYSICS_HZ}; for example 50, 25 or 10 do"
+            )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: rgb_array, human")
         if not 0.0 < fingertip_friction <= wam.MAX_FINGERTIP_FRICTION:
@@ -203,10 +205,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self._held = self._held + self.dt if holds else 0.0
         info = self._info(holds)
         terminated = info["broken"] or (self.terminate_on_success and info["is_success"])
-        if info["is_success"]:
-            reward = 1.0
-        else:
-            reward = 0.0 if self.reward_type == "sparse" else 0.95 * self.progress()
+        reward = 1.0 if info["is_success"] else 0.95 * self.progress() if self.reward_type == "dense" else 0.0
         if self.render_mode == "human":
             self.render()
         return observation, reward, terminated, bool(data.time >= self.time_limit - 1e-9), info
@@ -214,7 +213,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     def render(self) -> NDArray[np.uint8] | None:
         """An image (height, width, 3) in mode "rgb_array"; a viewer window in mode "human"."""
         if self.render_mode is None:
-            raise InvalidArgumentError("nothing to render: make the environment with render_mode='rgb_array' or 'human'")
+            raise InvalidArgumentError(
+                "nothing to render: make the environment with render_mode='rgb_array' or 'human'"
+            )
         if self._renderer is None:
             from lfd_gym import rendering
 
@@ -245,7 +246,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
         varied = [view.ravel() for view in self._randomised]
         return np.concatenate(
-            [physics, self.data.sensordata, self.robot.get_state(), *varied, self._hidden, [self._held], self._rng_state()]
+            [
+                physics,
+                self.data.sensordata,
+                self.robot.get_state(),
+                *varied,
+                self._hidden,
+                [self._held],
+                self._rng_state(),
+            ]
         )
 
     def set_state(self, state: ArrayLike) -> None:
@@ -345,7 +354,10 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self._slices = {
             key: slice(int(end) - low.size, int(end)) for (key, (low, _)), end in zip(bounds.items(), ends, strict=True)
         }
-        self.observation_space = Dict({key: Box(low, high, dtype=np.float64) for key, (low, high) in bounds.items()})
+        boxes: dict[str, gymnasium.Space[Any]] = {
+            key: Box(low, high, dtype=np.float64) for key, (low, high) in bounds.items()
+        }
+        self.observation_space = cast("gymnasium.Space[dict[str, Array]]", Dict(boxes))
         self.action_space = Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
     def _observe(self) -> dict[str, Array]:
@@ -370,7 +382,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     def _set_rng_state(self, numbers: Array) -> None:
         pieces = [int(n) for n in numbers]
-        state = self.np_random.bit_generator.state
+        state = dict(self.np_random.bit_generator.state)
         state["state"] = {
             key: sum(piece << shift for piece, shift in zip(pieces[i : i + 4], (0, 32, 64, 96), strict=True))
             for key, i in (("state", 0), ("inc", 4))

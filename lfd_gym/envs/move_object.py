@@ -24,15 +24,15 @@ CLEARANCE = 0.10
 class MoveObjectEnv(ManipulationEnv):
     """Grasp an object, put it on a target, let go and withdraw (thesis 2.5.1, Figure 2.7).
 
-    | what           |                                                                                                    |
-    |----------------|----------------------------------------------------------------------------------------------------|
-    | frames         | `object` (its centre), `target` (on the table)                                                     |
-    | start          | object and target anywhere in 25 x 50 cm, any yaw, at least 15 cm apart                            |
-    | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0                                                    |
-    | success        | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away    |
-    | subtasks       | `grasped` (lifted by 2 cm), `at_target`, `released`                                                |
-    | dense reward   | reach 0.3, grasp and lift 0.2, carry 0.3, release and withdraw 0.15                                |
-    | time limit     | 30 s                                                                                               |
+    | what | |
+    |---|---|
+    | frames | `object` (its centre), `target` (on the table) |
+    | start | object and target anywhere in 25 x 50 cm, any yaw, at least 15 cm apart |
+    | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0 |
+    | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away |
+    | subtasks | `grasped` (lifted by 2 cm), `at_target`, `released` |
+    | dense reward | reach 0.3, grasp and lift 0.2, carry 0.3, release and withdraw 0.15 |
+    | time limit | 30 s |
 
     Workspace of the tool point: x 0.43-0.78, y -0.30-0.30, z 0.01-0.40 m; tilt 0.3 rad, yaw 1.6 rad; alpha 16, beta 4 1/s.
     Other arguments: see `ManipulationEnv`.
@@ -89,7 +89,9 @@ class MoveObjectEnv(ManipulationEnv):
             self.within(name, setup[name]["position"], AREA_LOW, AREA_HIGH)
         distance = np.linalg.norm(np.subtract(setup["object"]["position"], setup["target"]["position"]))
         if distance < MIN_DISTANCE - 1e-9:
-            raise InvalidSetupError(f"object and target are {distance:.3f} m apart; possible: at least {MIN_DISTANCE} m")
+            raise InvalidSetupError(
+                f"object and target are {distance:.3f} m apart; possible: at least {MIN_DISTANCE} m"
+            )
 
     def place(self, setup: Mapping[str, Any]) -> None:
         """The object stands on the table, the target lies on it."""
