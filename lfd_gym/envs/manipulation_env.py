@@ -43,7 +43,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     **Reward**: `sparse` is 1 while the success has held for a second, else 0; `dense` adds the task's progress in [0, 1).
 
-    **Info** (the same keys in `reset` and `step`): `is_success`, `success` (alias), `broken`, and `subtask/<name>`.
+    **Info** (the same keys in `reset` and `step`): `is_success`, `success` (alias), `broken`,
+    `subtask/<name>`, and the task's own `measures`.
 
     Args:
         reward_type: "sparse" or "dense".
@@ -72,6 +73,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     layout: ClassVar[ActionLayout]
     time_limit: ClassVar[float]
     """Length of an episode [s]; the step limit that Gymnasium shows is that of 50 decisions per second."""
+    stiffness: ClassVar[float] = 900.0
+    """Of the PID that tracks the reference [1/s^2]."""
     n_hidden: ClassVar[int] = 0
     """Size of the task's own hidden memory, which is part of the state."""
 
@@ -110,7 +113,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         for i in range(self.model.ngeom):
             if self.model.geom(i).name.endswith("_tip"):
                 self.model.geom_friction[i, 0] = fingertip_friction
-        self.robot = Robot(self.model, self.data, self.tool, self.layout)
+        self.robot = Robot(self.model, self.data, self.tool, self.layout, self.stiffness)
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
         self._hidden = np.zeros(self.n_hidden)
@@ -154,6 +157,10 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     def progress(self) -> float:
         """Dense reward in [0, 1]."""
         raise NotImplementedError
+
+    def measures(self) -> dict[str, float]:
+        """Further entries of the info, always under the same names: how well the task is done, in SI units."""
+        return {}
 
     def subtask_flags(self) -> tuple[bool, ...]:
         """One flag for each name of `subtasks`."""
@@ -372,6 +379,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         info: dict[str, Any] = {"is_success": success, "success": success, "broken": self._broken}
         for name, flag in zip(self._subtask_keys, self.subtask_flags(), strict=True):
             info[name] = bool(flag)
+        for name, value in self.measures().items():
+            info[name] = float(value)
         return info
 
     def _rng_state(self) -> Array:
