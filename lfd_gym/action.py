@@ -100,7 +100,7 @@ class ActionLayout:
         a = np.asarray(action, dtype=np.float64)
         if a.shape != (self.size,):
             raise InvalidActionError(f"action of shape {a.shape}; expected ({self.size},)")
-        goal = _decode(
+        goal = decode_array(
             a,
             self.workspace_low,
             self.workspace_high,
@@ -162,7 +162,7 @@ class ActionLayout:
 
 
 @njit(cache=True)
-def _decode(
+def decode_array(
     action: Array,
     low: Array,
     high: Array,

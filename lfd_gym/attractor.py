@@ -10,27 +10,19 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True)
-def acceleration(error: Array, velocity: Array, alpha: float, beta: float, speed_limit: float) -> Array:
-    """Acceleration of a linear attractor, alpha (v_d - v) with v_d = beta (g - x) shortened to the speed limit.
+def gain(x: float, y: float, z: float, alpha: float, beta: float, speed_limit: float) -> float:
+    """Factor k of the goal error (x, y, z) = g - x in the acceleration k (g - x) - alpha v of a linear attractor.
 
-    Where nothing saturates this is alpha (beta (g - x) - v), equation (2.1); the saturation of the goal error is
-    Khatib's (1987) and keeps the path straight.
+    Where nothing saturates k = alpha beta and the attractor is equation (2.1). Beyond, the desired velocity beta (g - x) is
+    shortened to the speed limit (Khatib 1987), which keeps the path straight.
 
     Args:
-        error: g - x in m (or a rotation vector in rad), shape (d,).
-        velocity: shape (d,).
+        x, y, z: goal error in m, or a rotation vector in rad.
         alpha, beta: gains [1/s]; beta = alpha / 4 is critically damped.
         speed_limit: largest desired speed, m/s or rad/s.
     """
-    squared = 0.0
-    for i in range(error.size):
-        squared += error[i] * error[i]
-    speed = beta * math.sqrt(squared)
-    gain = alpha * beta * (speed_limit / speed if speed > speed_limit else 1.0)
-    out = np.empty(error.size)
-    for i in range(error.size):
-        out[i] = gain * error[i] - alpha * velocity[i]
-    return out
+    speed = beta * math.sqrt(x * x + y * y + z * z)
+    return alpha * beta * (speed_limit / speed if speed > speed_limit else 1.0)
 
 
 def goal(position: Array, velocity: Array, wanted: Array, alpha: float, beta: float) -> Array:

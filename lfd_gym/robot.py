@@ -1,15 +1,16 @@
 """The robot in one simulation: what it is told, what it measures, and its controller at the physics rate."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
 from numba import typeof
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import controller, quaternion, servo, wam
-from lfd_gym.action import ActionLayout, Goal
+from lfd_gym.action import ActionLayout
 
 Array = NDArray[np.float64]
 
@@ -25,11 +26,18 @@ class Robot:
         model, data: the simulation, the arm first in the tree.
         tool: "hand" or "pen".
         layout: workspace and attractor of the environment.
+        frames: names of the tracked bodies.
         stiffness: of the PID that tracks the reference [1/s^2]; its damping is critical.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, tool: str, layout: ActionLayout, stiffness: float = 900.0
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        tool: str,
+        layout: ActionLayout,
+        frames: Sequence[str],
+        stiffness: float = 900.0,
     ) -> None:
         self.model, self.data, self.layout = model, data, layout
         self._settings = np.zeros(1, servo.SETTINGS)
@@ -37,10 +45,10 @@ class Robot:
         self._memory = np.zeros(1, servo.MEMORY)
         self._handles = wam.handles(model, data, tool)
         self._write_settings(tool, stiffness)
-        self.tick = self._bind()
+        self._frames = np.array([model.body(name).id for name in frames], dtype=np.int64)
+        self._bind()
         self._site = data.site(f"{tool}/tool")
         self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
-        self._goal = tuple(self._command[name][0] for name in ("position", "quaternion", "force", "hand"))
         self.state_size = servo.MEMORY.itemsize // 8
 
     def _write_settings(self, tool: str, stiffness: float) -> None:
@@ -63,18 +71,23 @@ class Robot:
         if s["n_hand"]:
             s["hand_stiffness"] = model.actuator_gainprm[n : n + 4, 0]
 
-    def _bind(self) -> Callable[[], None]:
-        """The controller's step as a function without arguments, past Numba's type dispatch, which costs as much again."""
-        arguments = (
-            *(self._settings, self._command, self._memory),
-            *self._handles.arguments,
-            np.zeros((24, 14)),
-            controller.NullSpace(),
-        )
+    def _bind(self) -> None:
+        """Bind the compiled functions to this simulation's arrays, past Numba's type dispatch, which costs as much again."""
         mujoco.mj_forward(self.model, self.data)
-        servo.tick(*arguments)
-        signature = tuple(typeof(argument) for argument in arguments)
-        return partial(servo.tick.overloads[signature].entry_point, *arguments)
+        records, arrays, layout = (self._settings, self._command, self._memory), self._handles.arguments, self.layout
+        self.tick = _bound(servo.tick, *records, *arrays, np.zeros((27, 14)), controller.NullSpace())
+        """One step of the controller."""
+        scales = (layout.workspace_low, layout.workspace_high, layout.rotation_limit, layout.force_limit)
+        hand = (layout.hand_low, layout.hand_high)
+        self._set_goal = _bound(
+            servo.command, self._command, *scales, *hand, layout.reference_quaternion, call=(np.zeros(layout.size),)
+        )
+        n, data = sum(size for _, size in servo.measurements(self._handles.hand_addresses.size)), self.data
+        bodies = (data.xpos, data.xquat, self._frames, layout.reference_quaternion)
+        self._measure = _bound(
+            servo.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
+            *bodies, call=(np.zeros(n + 7 * self._frames.size),),
+        )  # fmt: skip
 
     def reset(self) -> None:
         """Stand in the home posture, hand open, reference at the tool, nothing commanded."""
@@ -85,34 +98,27 @@ class Robot:
         m = self._memory_fields
         m["position"][:], m["quaternion"][:] = self._site.xpos, self.tool_quaternion()
         m["hand"][: hand.size] = hand
-        self.command(Goal(m["position"], m["quaternion"], np.zeros(3), hand))
+        c = self._command[0]
+        c["position"], c["quaternion"], c["force"] = m["position"], m["quaternion"], 0.0
+        c["hand"] = m["hand"]
         self.tick()
         mujoco.mj_forward(self.model, self.data)
         self._memory["wrench_sum"], self._memory["ticks"], self._memory["pressed"] = 0.0, 0.0, 0.0
 
-    def command(self, goal: Goal) -> None:
-        """Set the goal that the next ticks are attracted to."""
-        position, orientation, force, hand = self._goal
-        position[:], orientation[:], force[:] = goal.position, goal.quaternion, goal.force
-        hand[: goal.hand.size] = goal.hand
+    def command(self, action: ArrayLike) -> None:
+        """Set the goal that the next ticks are attracted to. Raises InvalidActionError."""
+        array = np.asarray(action, dtype=np.float64)
+        if array.shape != (self.layout.size,) or not self._set_goal(array):
+            self.layout.decode(array)
 
     def tool_quaternion(self) -> Array:
         """Orientation of the tool, world frame, in the half space of the layout's reference."""
         q = quaternion.from_matrix(self._site.xmat.reshape(3, 3))
         return q if q @ self.layout.reference_quaternion >= 0.0 else -q
 
-    def observe(self, flat: Array, frames: NDArray[np.int64]) -> bool:
-        """Write all measurements into `flat`, in the order of the observation space; False where one is not finite.
-
-        Args:
-            flat: shape (n,).
-            frames: ids of the tracked bodies.
-        """
-        data, reference = self.data, self.layout.reference_quaternion
-        return servo.observe(
-            flat, self._settings, self._memory, *self._handles.arguments[:2], *self._handles.arguments[6:13],
-            data.actuator_force, data.qacc, data.xpos, data.xquat, frames, reference,
-        )  # fmt: skip
+    def observe(self, flat: Array) -> bool:
+        """Write all measurements and frames into `flat`; False where the simulation is not finite."""
+        return self._measure(flat)
 
     def get_state(self) -> Array:
         """The controller's memory as floats."""
@@ -121,3 +127,10 @@ class Robot:
     def set_state(self, state: Array) -> None:
         """Restore what `get_state` returned."""
         self._memory.view(np.float64)[:] = state
+
+
+def _bound(function: Any, *arguments: Any, call: tuple[Any, ...] = ()) -> Callable[..., Any]:
+    """A compiled function with its first arguments fixed; `call` stands for those that come with each call."""
+    function(*arguments, *call)
+    signature = tuple(typeof(argument) for argument in (*arguments, *call))
+    return partial(function.overloads[signature].entry_point, *arguments)

@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym import attractor, contact, controller, quaternion
+from lfd_gym.action import decode_array
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,6 @@ MEMORY = np.dtype(
         ("wrench_sum", "f8", 6),
         ("ticks", "f8"),
         ("hand", "f8", 4),
-        ("guidance", "f8", 6),
     ],
     align=True,
 )
@@ -104,73 +104,86 @@ def external_wrench(
 
 
 @njit(cache=True)
-def move_reference(settings, command, memory, tool: Array, tool_quaternion: Array, error: Array, feed: Array) -> None:  # type: ignore[no-untyped-def]
-    """Advances the reference by one tick; writes its error (6,) to the tool and its acceleration (6,)."""
+def move_reference(settings, command, memory, tool: Array, tool_quaternion, error: Array, feed: Array) -> None:  # type: ignore[no-untyped-def]
+    """Advances the reference by one tick; writes its error (6,) to the tool and its acceleration (6,).
+
+    Heun's rule: the reference follows the closed form of (2.1) to second order.
+    """
     s, c, m = settings[0], command[0], memory[0]
-    d, start_velocity = m.direction, m.velocity.copy()
-    position, orientation = m.position.copy(), m.quaternion.copy()
-    # Heun's rule: the reference follows the closed form of (2.1) to second order
+    d, velocity = m.direction, m.velocity
+    px, py, pz = m.position[0], m.position[1], m.position[2]
+    start = (m.quaternion[0], m.quaternion[1], m.quaternion[2], m.quaternion[3])
+    v0 = (velocity[0], velocity[1], velocity[2], velocity[3], velocity[4], velocity[5])
+    q = start
     for stage in range(2):
-        gap = c.position - position
-        turn = quaternion.to_rotation_vector(quaternion.multiply(c.quaternion, quaternion.conjugate(orientation)))
-        linear = attractor.acceleration(gap, m.velocity[:3], s.alpha, s.beta, s.speed_limit)
-        angular = attractor.acceleration(turn, m.velocity[3:], s.alpha, s.beta, s.turn_limit)
+        x, y, z = c.position[0] - px, c.position[1] - py, c.position[2] - pz
+        k = attractor.gain(x, y, z, s.alpha, s.beta, s.speed_limit)
+        ax, ay, az = k * x - s.alpha * velocity[0], k * y - s.alpha * velocity[1], k * z - s.alpha * velocity[2]
         if m.mode == contact.APPROACH:
-            along = d[0] * linear[0] + d[1] * linear[1] + d[2] * linear[2]
-            speed = d[0] * m.velocity[0] + d[1] * m.velocity[1] + d[2] * m.velocity[2]
-            linear += (s.alpha * (contact.GUARDED_SPEED - speed) - along) * d
-        for i in range(3):
-            feed[i] = linear[i] if stage == 0 else 0.5 * (feed[i] + linear[i])
-            feed[3 + i] = angular[i] if stage == 0 else 0.5 * (feed[3 + i] + angular[i])
+            along = d[0] * ax + d[1] * ay + d[2] * az
+            speed = d[0] * velocity[0] + d[1] * velocity[1] + d[2] * velocity[2]
+            along = s.alpha * (contact.GUARDED_SPEED - speed) - along
+            ax, ay, az = ax + along * d[0], ay + along * d[1], az + along * d[2]
+        x, y, z = quaternion.difference_(c.quaternion, q)
+        k = attractor.gain(x, y, z, s.alpha, s.beta, s.turn_limit)
+        bx, by, bz = k * x - s.alpha * velocity[3], k * y - s.alpha * velocity[4], k * z - s.alpha * velocity[5]
+        if stage == 0:
+            feed[0], feed[1], feed[2], feed[3], feed[4], feed[5] = ax, ay, az, bx, by, bz
+        else:
+            feed[0], feed[1], feed[2] = 0.5 * (feed[0] + ax), 0.5 * (feed[1] + ay), 0.5 * (feed[2] + az)
+            feed[3], feed[4], feed[5] = 0.5 * (feed[3] + bx), 0.5 * (feed[4] + by), 0.5 * (feed[5] + bz)
         for i in range(6):
-            m.velocity[i] = start_velocity[i] + s.dt * feed[i]
-        step = 0.5 * s.dt * (start_velocity + m.velocity)
-        position = m.position + step[:3]
-        orientation = quaternion.multiply(quaternion.from_rotation_vector(step[3:]), m.quaternion)
-    for i in range(3):
-        m.position[i] = position[i]
+            velocity[i] = v0[i] + s.dt * feed[i]
+        h = 0.5 * s.dt
+        px = m.position[0] + h * (v0[0] + velocity[0])
+        py = m.position[1] + h * (v0[1] + velocity[1])
+        pz = m.position[2] + h * (v0[2] + velocity[2])
+        turn = quaternion.from_rotation_vector_(
+            h * (v0[3] + velocity[3]), h * (v0[4] + velocity[4]), h * (v0[5] + velocity[5])
+        )
+        q = quaternion.multiply_(turn, start)
+    m.position[0], m.position[1], m.position[2] = px, py, pz
     if m.mode == contact.CONTACT:
         gap = speed = 0.0
         for i in range(3):
             gap += d[i] * (tool[i] - m.position[i])
-            speed += d[i] * (m.tool_velocity[i] - m.velocity[i])
+            speed += d[i] * (m.tool_velocity[i] - velocity[i])
         for i in range(3):
             m.position[i] += gap * d[i]
-            m.velocity[i] += speed * d[i]
+            velocity[i] += speed * d[i]
     elif m.mode == contact.APPROACH:
         for i in range(3):
             m.position[i] = min(max(m.position[i], s.workspace_low[i]), s.workspace_high[i])
-    q = orientation
-    q /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    turn = quaternion.to_rotation_vector(quaternion.multiply(q, quaternion.conjugate(tool_quaternion)))
+    error[3], error[4], error[5] = quaternion.difference_(q, tool_quaternion)
     for i in range(3):
-        error[i], error[3 + i] = m.position[i] - tool[i], turn[i]
+        error[i] = m.position[i] - tool[i]
     for part in range(2):
-        _limit_lead(error[3 * part : 3 * part + 3], m.velocity, m.tool_velocity, 3 * part, s.lead_limit[part])
+        _limit_lead(error, velocity, m.tool_velocity, 3 * part, s.lead_limit[part])
     for i in range(3):
         m.position[i] = tool[i] + error[i]
-    q = quaternion.multiply(quaternion.from_rotation_vector(error[3:]), tool_quaternion)
-    for i in range(4):
-        m.quaternion[i] = q[i]
+    q = quaternion.multiply_(quaternion.from_rotation_vector_(error[3], error[4], error[5]), tool_quaternion)
+    q = quaternion.normalised_(q)
+    m.quaternion[0], m.quaternion[1], m.quaternion[2], m.quaternion[3] = q
 
 
 @njit(cache=True)
 def _limit_lead(error: Array, velocity: Array, tool_velocity: Array, first: int, limit: float) -> None:
     """A blocked tool holds its reference back: the error is shortened and the reference no longer runs ahead."""
-    length = math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
+    x, y, z = error[first], error[first + 1], error[first + 2]
+    length = math.sqrt(x * x + y * y + z * z)
     if length <= limit:
         return
     ahead = 0.0
-    for i in range(3):
+    for i in range(first, first + 3):
+        ahead += error[i] / length * (velocity[i] - tool_velocity[i])
+    for i in range(first, first + 3):
+        if ahead > 0.0:
+            velocity[i] -= ahead * error[i] / length
         error[i] *= limit / length
-        ahead += error[i] / limit * (velocity[first + i] - tool_velocity[first + i])
-    if ahead > 0.0:
-        for i in range(3):
-            velocity[first + i] -= ahead * error[i] / limit
 
 
 @njit(cache=True)
-def drive_hand(settings, command, memory, angles: Array, ctrl: Array) -> None:  # type: ignore[no-untyped-def]
+def drive_hand(settings, command, memory, qpos: Array, hand_joints: Array, ctrl: Array) -> None:  # type: ignore[no-untyped-def]
     """Moves the references of spread and fingers towards their goals.
 
     A worm drive: rate limited, it stops advancing when its spring would press harder than the stall torque, and it holds
@@ -179,7 +192,7 @@ def drive_hand(settings, command, memory, angles: Array, ctrl: Array) -> None:  
     s, c, m = settings[0], command[0], memory[0]
     for i in range(s.n_hand):
         step = min(max(c.hand[i] - m.hand[i], -s.hand_speed[i] * s.dt), s.hand_speed[i] * s.dt)
-        load = s.hand_stiffness[i] * (m.hand[i] + step - angles[i])
+        load = s.hand_stiffness[i] * (m.hand[i] + step - qpos[hand_joints[i]])
         if (step > 0.0 and load > s.hand_stall[i]) or (i == 0 and step < 0.0 and load < -s.hand_stall[i]):
             step = 0.0
         m.hand[i] += step
@@ -221,14 +234,13 @@ def tick(  # type: ignore[no-untyped-def]
         reading: force and torque of the wrist sensor, sensor axes.
         tool_com: centre of mass of all that hangs on the sensor.
         hand_joints: addresses of spread and finger angles in ``qpos``.
-        work: scratch (24, 14); gains: of the null space.
+        work: scratch (27, 14); gains: of the null space.
     """
     s, c, m = settings[0], command[0], memory[0]
     n = controller.N_JOINTS
     jacobian, drift, error, feed = work[0:6, :7], work[6, :6], work[7, :6], work[8, :6]
     wrench, e_d, e_f, torque, xi = work[9, :6], work[10, :6], work[11, :6], work[12, :7], work[13, :7]
-    full, selection = work[14:21, :7], work[14:20, 8:14]
-    scratch = np.empty((6, 14))
+    full, selection, scratch = work[14:21, :7], work[14:20, 8:14], work[21:27]
     controller.arm_jacobian(anchor, axis, qvel, tool, jacobian, drift)
     for i in range(6):
         m.tool_velocity[i] = 0.0
@@ -258,8 +270,7 @@ def tick(  # type: ignore[no-untyped-def]
     if (in_contact and before != contact.CONTACT) or not in_contact:
         m.force_integral = 0.0
 
-    q_tool = quaternion.from_matrix(tool_rotation.reshape(3, 3))
-    move_reference(settings, command, memory, tool, q_tool, error, feed)
+    move_reference(settings, command, memory, tool, quaternion.from_matrix_(tool_rotation), error, feed)
     speed_along = 0.0
     for i in range(3):
         speed_along += d[i] * m.tool_velocity[i]
@@ -293,15 +304,31 @@ def tick(  # type: ignore[no-untyped-def]
     for i in range(n):
         load = torque[i] + s.joint_damping[i] * qvel[i] + s.joint_friction[i] * math.tanh(qvel[i] / s.friction_speed)
         ctrl[i] = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
-    angles = np.empty(4)
-    for i in range(s.n_hand):
-        angles[i] = qpos[hand_joints[i]]
-    drive_hand(settings, command, memory, angles, ctrl)
+    drive_hand(settings, command, memory, qpos, hand_joints, ctrl)
+
+
+@njit(cache=True)
+def command(command, low, high, rotation_limit, force_limit, hand_low, hand_high, reference, action) -> bool:  # type: ignore[no-untyped-def]
+    """Writes the goal of an action (see `lfd_gym.action`); False, and nothing written, where it is not finite."""
+    goal = decode_array(action, low, high, rotation_limit, force_limit, hand_low, hand_high, reference)
+    if math.isnan(goal[0]):
+        return False
+    c = command[0]
+    c.position[:], c.quaternion[:], c.force[:] = goal[0:3], goal[3:7], goal[7:10]
+    c.hand[: hand_low.size] = goal[10:]
+    return True
+
+
+def measurements(n_hand: int) -> tuple[tuple[str, int], ...]:
+    """Names and sizes of what `observe` writes before the frames; `n_hand` is 4 with a hand, 0 without."""
+    arm = (("joint_position", 7), ("joint_velocity", 7))
+    tool = (("tool_position", 3), ("tool_quaternion", 4), ("tool_velocity", 6))
+    reference = (("reference_position", 3), ("reference_quaternion", 4), ("reference_velocity", 6), ("wrench", 6))
+    return (*arm, *tool, *reference, *((("hand_position", 4), ("hand_torque", 4)) if n_hand else ()))
 
 
 @njit(cache=True)
 def observe(  # type: ignore[no-untyped-def]
-    flat,
     settings,
     memory,
     qpos,
@@ -319,15 +346,16 @@ def observe(  # type: ignore[no-untyped-def]
     body_quaternion,
     frames,
     reference,
+    flat,
 ):
-    """Writes the observation: joints, tool, reference, wrench, hand, frames; starts a new mean of the wrench.
+    """Writes the observation, `measurements` and then a pose (7,) per frame; starts a new mean of the wrench.
 
     Quaternions of tool and reference lie in the half space of `reference` (4,), those of frames have w >= 0. Right after a
     reset the wrench is that of the moment. Returns whether positions, velocities and accelerations are finite.
     """
     s, m, n = settings[0], memory[0], controller.N_JOINTS
     flat[0:7], flat[7:14] = qpos[:n], qvel[:n]
-    flat[14:17], flat[17:21] = tool, _towards(quaternion.from_matrix(tool_rotation.reshape(3, 3)), reference)
+    flat[14:17], flat[17:21] = tool, _towards(np.array(quaternion.from_matrix_(tool_rotation)), reference)
     flat[21:27], flat[27:30] = m.tool_velocity, m.position
     flat[30:34], flat[34:40] = _towards(m.quaternion, reference), m.velocity
     if m.ticks > 0:

@@ -39,8 +39,6 @@ MAX_FINGERTIP_FRICTION = 1.2
 class Handles(NamedTuple):
     """Views into one simulation that the controller reads and writes at every step; looked up once."""
 
-    joint_velocity: Array
-    """Generalised velocities, the arm's seven first."""
     arguments: tuple[NDArray, ...]
     """The arrays of `servo.tick` from `qpos` to `ctrl`."""
     hand_addresses: NDArray[np.int64]
@@ -75,7 +73,6 @@ def handles(model: mujoco.MjModel, data: mujoco.MjData, tool: str) -> Handles:
         dtype=np.int64,
     )
     return Handles(
-        joint_velocity=data.qvel,
         arguments=(
             data.qpos,
             data.qvel,

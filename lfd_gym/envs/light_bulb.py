@@ -9,7 +9,7 @@ from dm_control.utils.rewards import tolerance
 
 from lfd_gym import wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
 from lfd_gym.errors import InvalidSetupError
 
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.30]), np.array([0.73, 0.30])
@@ -125,8 +125,7 @@ class LightBulbEnv(ManipulationEnv):
         """The thread ends: the bulb is free. Counts the robot's contacts with the bulb."""
         if self._turn[0] > self._hidden[0] and not self._loose:
             self.data.eq_active[self._weld] = 0
-        pairs = self.data.contact.geom
-        self._n_touches = int(np.count_nonzero(self._is_bulb[pairs].any(axis=1) & self._is_robot[pairs].any(axis=1)))
+        self._n_touches = count_contacts(self.data.contact.geom, self._is_bulb, self._is_robot)
 
     def _in_box(self) -> bool:
         offset = self._box_frame.reshape(3, 3).T @ (self._glass - self._box)

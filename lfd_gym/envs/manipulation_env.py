@@ -7,6 +7,7 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.spaces import Box, Dict
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import quaternion, wam
@@ -113,7 +114,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         for i in range(self.model.ngeom):
             if self.model.geom(i).name.endswith("_tip"):
                 self.model.geom_friction[i, 0] = fingertip_friction
-        self.robot = Robot(self.model, self.data, self.tool, self.layout, self.stiffness)
+        self.robot = Robot(self.model, self.data, self.tool, self.layout, self.frames, self.stiffness)
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
         self._hidden = np.zeros(self.n_hidden)
@@ -121,7 +122,6 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
         self._held = 0.0
         self._setup: dict[str, Any] = {}
-        self._frame_ids = np.array([self.model.body(name).id for name in self.frames])
         self._nominal: list[Array] | None = None
         self._build_spaces()
         self.build()
@@ -200,7 +200,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Command a goal for one control step. Raises InvalidActionError for NaN and wrong shapes."""
-        self.robot.command(self.layout.decode(action))
+        self.robot.command(action)
         model, data, tick = self.model, self.data, self.robot.tick
         for _ in range(self._n_substeps):
             tick()
@@ -369,7 +369,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     def _observe(self) -> dict[str, Array]:
         flat = np.empty(self._low.size)
-        self._broken = not self.robot.observe(flat, self._frame_ids)
+        self._broken = not self.robot.observe(flat)
         np.maximum(flat, self._low, out=flat)
         np.minimum(flat, self._high, out=flat)
         return {key: flat[where] for key, where in self._slices.items()}
@@ -403,3 +403,19 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 def upright(yaw: float) -> Array:
     """Quaternion of an object that stands upright, turned by `yaw` [rad]."""
     return quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw]))
+
+
+@njit(cache=True)
+def count_contacts(pairs: NDArray[np.int32], one: NDArray[np.bool_], other: NDArray[np.bool_]) -> int:
+    """How many contacts join two sets of geoms.
+
+    Args:
+        pairs: geoms of every contact, `data.contact.geom`, shape (n, 2).
+        one, other: which geoms belong to the sets, shape (n_geoms,).
+    """
+    n = 0
+    for i in range(pairs.shape[0]):
+        a, b = pairs[i]
+        if a >= 0 and b >= 0 and ((one[a] and other[b]) or (one[b] and other[a])):
+            n += 1
+    return n

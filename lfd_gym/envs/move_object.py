@@ -9,7 +9,7 @@ from dm_control.utils.rewards import tolerance
 
 from lfd_gym import wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
 from lfd_gym.errors import InvalidSetupError
 
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.25]), np.array([0.73, 0.25])
@@ -109,9 +109,7 @@ class MoveObjectEnv(ManipulationEnv):
 
     def after_physics(self) -> None:
         """See whether the object touches nothing but what is fixed to the world."""
-        pairs = self.data.contact.geom
-        touches = self._is_object[pairs].any(axis=1)
-        self._untouched = not self._moves[pairs[touches]].any()
+        self._untouched = not count_contacts(self.data.contact.geom, self._is_object, self._moves)
 
     def _off_target(self) -> float:
         dx, dy = self._object[0] - self._target[0], self._object[1] - self._target[1]
