@@ -50,13 +50,14 @@ def benchmark(env_id: str, policy: Policy, seed: int = 100000, repeats: int = 5,
     """Measure one environment while `policy` works in it.
 
     One episode's actions are recorded and then replayed `repeats` times. After every `env.step` the bare `mj_step`s
-    inside it are timed in a second `MjData`, from the same state with the controls that the step ended with, so that
-    both see the same machine at the same time. The median of the replays counts.
+    inside it are timed in a second `MjData`, from the same state with the same controls, so that both see the same
+    machine at the same time. The median of the replays counts.
     """
     env = make(env_id)
     world: Any = env.unwrapped
     actions = [step.action for step in islice(rollout(env, policy, seed), max_steps)]
-    pairs = [_replay(env, actions, seed) for _ in range(repeats)]
+    controls = _controls(env, actions, seed)
+    pairs = [_replay(env, actions, controls, seed) for _ in range(repeats)]
     step_us = statistics.median(pair[0] for pair in pairs)
     bare_us = statistics.median(pair[1] for pair in pairs)
     resets = [_seconds(env, seed + i) for i in range(20)]
@@ -78,25 +79,43 @@ def table(rows: list[Benchmark]) -> str:
     return "\n".join(lines)
 
 
-def _replay(env: Any, actions: list[np.ndarray], seed: int) -> tuple[float, float]:
+def _replay(env: Any, actions: list[np.ndarray], controls: list[np.ndarray], seed: int) -> tuple[float, float]:
     """Mean time [µs] of `env.step`, and of the bare physics inside it, over one recorded episode."""
     world = env.unwrapped
     model, data = world.model, world.data
-    n_physics_steps = round(world.dt / world.physics_dt)
+    n = round(world.dt / world.physics_dt)
     bare_data, state = mujoco.MjData(model), np.empty(mujoco.mj_stateSize(model, STATE))
     env.reset(seed=seed)
     stepping = bare = 0.0
-    for action in actions:
+    for k, action in enumerate(actions):
         mujoco.mj_getState(model, data, state, STATE)
         start = perf_counter()
         env.step(action)
         stepping += perf_counter() - start
         mujoco.mj_setState(model, bare_data, state, STATE)
-        bare_data.ctrl[:] = data.ctrl
-        start = perf_counter()
-        mujoco.mj_step(model, bare_data, n_physics_steps)
-        bare += perf_counter() - start
+        for control in controls[n * k : n * (k + 1)]:
+            bare_data.ctrl[:] = control
+            start = perf_counter()
+            mujoco.mj_step(model, bare_data)
+            bare += perf_counter() - start
     return 1e6 * stepping / len(actions), 1e6 * bare / len(actions)
+
+
+def _controls(env: Any, actions: list[np.ndarray], seed: int) -> list[np.ndarray]:
+    """The controls of every physics step of an episode."""
+    robot, data = env.unwrapped.robot, env.unwrapped.data
+    tick, controls = robot.tick, []
+
+    def recorded() -> None:
+        tick()
+        controls.append(data.ctrl.copy())
+
+    env.reset(seed=seed)
+    robot.tick = recorded
+    for action in actions:
+        env.step(action)
+    robot.tick = tick
+    return controls
 
 
 def _seconds(env: Any, seed: int) -> float:
