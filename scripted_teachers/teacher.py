@@ -75,6 +75,10 @@ class Movement:
     """Time to keep going after the goal is reached [s]."""
     steady: bool = False
     """Contact-critical: smaller spread, never stopped early."""
+    path: Callable[[Observation, float], tuple[Array, Array]] | None = None
+    """Goal in the world [m] and force on the world [N] at a fraction of the way, in place of a straight line to `position`."""
+    duration: float = SHORTEST
+    """Of the clean movement along `path` [s]."""
 
 
 class ScriptedTeacher:
@@ -137,6 +141,7 @@ class ScriptedTeacher:
         if movement.hand is not None:
             self._goal_hand = movement.hand
         force = np.zeros(3) if movement.force is None else movement.force
+        fastest = SHORTEST if movement.path is None else movement.duration / variation.speed
         start, start_orientation = self._goal_position, self._goal_orientation
         goal, orientation = self._goals(movement, variation, start)
         bow = self._bow(variation, goal - start)
@@ -144,7 +149,7 @@ class ScriptedTeacher:
         duration = max(
             float(np.linalg.norm(goal - start)) / SPEED / variation.speed,
             float(np.linalg.norm(turn)) / TURN_SPEED / variation.speed,
-            SHORTEST,
+            fastest,
         )
         rest = waited = reaction = 0.0
         elapsed, arrived = 0.0, False
@@ -153,8 +158,12 @@ class ScriptedTeacher:
             elapsed += self.dt
             progress = min(elapsed / duration, variation.completeness)
             s = minimum_jerk(progress)
-            goal, _ = self._goals(movement, variation, start)
-            self._goal_position = start + s * (goal - start) + np.sin(np.pi * s) * bow
+            if movement.path is None:
+                goal, _ = self._goals(movement, variation, start)
+                self._goal_position = start + s * (goal - start) + np.sin(np.pi * s) * bow
+            else:
+                goal, force = movement.path(self.observation, s)
+                self._goal_position = goal + variation.position
             self._goal_orientation = quaternion.multiply(quaternion.from_rotation_vector(s * turn), start_orientation)
             yield self._action(self._goal_position, self._goal_orientation, force), movement.label
             hands.append(self.observation.get("hand_position", np.empty(0)))
@@ -166,7 +175,7 @@ class ScriptedTeacher:
             if progress < variation.completeness:
                 continue
             waited += self.dt
-            arrived = arrived or waited > PATIENCE or self._arrived(movement, variation, hands)
+            arrived = arrived or waited > PATIENCE or self._arrived(movement, variation, hands, force)
             if arrived:
                 rest += self.dt
                 if rest > movement.dwell + variation.pause:
@@ -188,7 +197,9 @@ class ScriptedTeacher:
         along = path / length
         return length * (variation.bow - (variation.bow @ along) * along)
 
-    def _arrived(self, movement: Movement, variation: noise_model.Variation, hands: list[Array]) -> bool:
+    def _arrived(
+        self, movement: Movement, variation: noise_model.Variation, hands: list[Array], force: Array
+    ) -> bool:
         o, factor = self.observation, variation.threshold
         still = max(round(HAND_STILL / self.dt), 1)
         if movement.hand is not None and (
@@ -196,8 +207,8 @@ class ScriptedTeacher:
         ):
             return False
         error = o["tool_position"] - self._goal_position
-        if movement.force is not None:
-            along = movement.force / np.linalg.norm(movement.force)
+        if force.any():
+            along = force / np.linalg.norm(force)
             error = error - (error @ along) * along
         turn = quaternion.multiply(self._goal_orientation, quaternion.conjugate(o["tool_quaternion"]))
         return bool(
