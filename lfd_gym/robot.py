@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import controller, quaternion, servo, wam
 from lfd_gym.action import ActionLayout
+from lfd_gym.errors import InvalidArgumentError
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ class Robot:
         self._frames = np.array([model.body(name).id for name in frames], dtype=np.int64)
         self._bind()
         self._site = data.site(f"{tool}/tool")
+        self._guided_link, self._pushed_link = model.body("wam_link_7").id, model.body("wam_link_5").id
         self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
         self.state_size = servo.MEMORY.itemsize // 8
 
@@ -61,6 +63,7 @@ class Robot:
         s["force_integral"], s["force_damping"], s["filter"] = 4.0, 20.0, 2.0 * np.pi * 20.0
         s["rest"] = wam.HOME
         s["joint_low"], s["joint_high"] = model.jnt_range[:n].T
+        s["joint_speed"], s["joint_brake"] = wam.JOINT_SPEED, 20.0
         s["torque_limit"] = model.actuator_ctrlrange[:n, 1]
         s["joint_damping"] = model.dof_damping[:n]
         s["joint_friction"] = FRICTION_COMPENSATION * model.dof_frictionloss[:n]
@@ -110,6 +113,21 @@ class Robot:
         array = np.asarray(action, dtype=np.float64)
         if array.shape != (self.layout.size,) or not self._set_goal(array):
             self.layout.decode(array)
+
+    def guide(self, wrench: Array | None) -> None:
+        """An outside hand's wrench (6,) about the tool point on the link above the wrist sensor; None lets go."""
+        if wrench is not None and (wrench.shape != (6,) or not np.isfinite(wrench).all()):
+            raise InvalidArgumentError(f"guidance {wrench}; expected force and torque, six finite numbers")
+        self._memory["guided"] = wrench is not None
+        applied = self.data.xfrc_applied[self._guided_link]
+        applied[:] = 0.0
+        if wrench is not None:
+            lever = self._site.xpos - self.data.xipos[self._guided_link]
+            applied[:3], applied[3:] = wrench[:3], wrench[3:] + np.cross(lever, wrench[:3])
+
+    def push(self, force: Array) -> None:
+        """A force (3,) of the world on the wrist, world frame [N]."""
+        self.data.xfrc_applied[self._pushed_link, :3] = force
 
     def tool_quaternion(self) -> Array:
         """Orientation of the tool, world frame, in the half space of the layout's reference."""

@@ -41,6 +41,8 @@ SETTINGS = np.dtype(
         ("rest", "f8", 7),
         ("joint_low", "f8", 7),
         ("joint_high", "f8", 7),
+        ("joint_speed", "f8"),
+        ("joint_brake", "f8"),
         ("torque_limit", "f8", 7),
         ("joint_damping", "f8", 7),
         ("joint_friction", "f8", 7),
@@ -74,11 +76,13 @@ MEMORY = np.dtype(
         ("wrench_sum", "f8", 6),
         ("ticks", "f8"),
         ("hand", "f8", 4),
+        ("guided", "f8"),
     ],
     align=True,
 )
 """The controller's state: the reference's pose and twist, the measured twist of the tool, integrals, contact mode, filtered
-force of the tool on the world, the sum of the wrenches since the last observation, and the references of the hand's drives."""
+force of the tool on the world, the sum of the wrenches since the last observation, the references of the hand's drives, and
+whether an outside hand guides the arm."""
 
 
 @njit(cache=True)
@@ -180,6 +184,29 @@ def _limit_lead(error: Array, velocity: Array, tool_velocity: Array, first: int,
         if ahead > 0.0:
             velocity[i] -= ahead * error[i] / length
         error[i] *= limit / length
+
+
+@njit(cache=True)
+def brake(position: float, velocity: float, low: float, high: float, speed: float, rate: float, dt: float) -> float:
+    """Deceleration [rad/s^2] of a joint that is faster than ``speed``, or than it may approach its limits.
+
+    A joint that is a fraction ``rate`` [1/s] of its speed away from a limit can still stop before it; what is too fast is
+    taken back over four ticks.
+    """
+    fastest, slowest = min(speed, rate * (high - position)), max(-speed, rate * (low - position))
+    return 0.25 / dt * (velocity - min(max(velocity, slowest), fastest))
+
+
+@njit(cache=True)
+def _follow(memory, tool: Array, tool_quaternion) -> None:  # type: ignore[no-untyped-def]
+    """Somebody else moves the arm: the reference goes along and nothing is stored."""
+    m = memory[0]
+    m.mode, m.timer, m.force_integral = contact.FREE, 0.0, 0.0
+    m.quaternion[0], m.quaternion[1], m.quaternion[2], m.quaternion[3] = tool_quaternion
+    for i in range(3):
+        m.position[i] = tool[i]
+    for i in range(6):
+        m.velocity[i], m.integral[i] = m.tool_velocity[i], 0.0
 
 
 @njit(cache=True)
@@ -294,6 +321,11 @@ def tick(  # type: ignore[no-untyped-def]
     for i in range(6):
         feed[i] += s.stiffness * error[i] + s.damping * (m.velocity[i] - m.tool_velocity[i]) + m.integral[i]
 
+    if m.guided:
+        _follow(memory, tool, quaternion.from_matrix_(tool_rotation))
+        for i in range(6):
+            feed[i] = e_d[i] = e_f[i] = 0.0
+
     k = 0
     for i in range(n):
         for j in range(i + 1):
@@ -303,6 +335,10 @@ def tick(  # type: ignore[no-untyped-def]
     controller.hybrid_torque(full, jacobian, drift, bias, selection, feed, e_d, e_f, xi, torque, scratch)
     for i in range(n):
         load = torque[i] + s.joint_damping[i] * qvel[i] + s.joint_friction[i] * math.tanh(qvel[i] / s.friction_speed)
+        load -= (
+            brake(qpos[i], qvel[i], s.joint_low[i], s.joint_high[i], s.joint_speed, s.joint_brake, s.dt)
+            * (inertia[i * (i + 3) // 2])
+        )
         ctrl[i] = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
     drive_hand(settings, command, memory, qpos, hand_joints, ctrl)
 

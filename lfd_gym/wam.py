@@ -26,6 +26,8 @@ TOOL_DOWN = np.array([0.0, 0.0, 1.0, 0.0])
 """Quaternion of diag(-1, 1, -1): the tool points down, the hand's y axis along the world's y axis."""
 HOME = np.array([0.0, 0.58, 0.0, 1.67, 0.0, math.pi - 2.25, 0.0])
 """Working posture [rad] with the tool pointing down over the middle of the table."""
+JOINT_SPEED = 2.0 * math.pi
+"""Joint speed [rad/s] beyond which the controller brakes: near a singularity of the wrist it would ask for any."""
 
 HAND_STALL = (2.0, 0.8, 0.8, 0.8)
 """Torques [N m] at which spread and fingers stop closing: about 8 N at a fingertip."""

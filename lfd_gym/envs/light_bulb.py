@@ -45,6 +45,7 @@ class LightBulbEnv(ManipulationEnv):
     scene = "light_bulb.xml"
     tool_offset = (0.0, 0.0144, 0.0)
     frames = ("bulb_holder", "box")
+    movable = ("bulb",)
     subtasks = ("grasped", "loose", "lifted", "in_box")
     time_limit = 90.0
     n_hidden = 1
@@ -119,7 +120,7 @@ class LightBulbEnv(ManipulationEnv):
     def randomise(self, rng: np.random.Generator) -> None:
         """How many turns the bulb needs, and how hard it turns."""
         self._hidden[0] = 2.0 * math.pi * rng.uniform(1.0, 2.0)
-        self._thread_friction[0] = rng.uniform(0.06, 0.12)
+        self._thread_friction[0] = self.between(rng, 0.06, 0.12)
 
     def after_physics(self) -> None:
         """The thread ends: the bulb is free. Counts the robot's contacts with the bulb."""

@@ -10,9 +10,11 @@ from gymnasium.spaces import Box, Dict
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from lfd_gym import quaternion, wam
+from lfd_gym import quaternion, random_state, wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.errors import InvalidArgumentError, InvalidSetupError
+from lfd_gym.envs import setups
+from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.perturbation import SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
 Array = NDArray[np.float64]
@@ -52,6 +54,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         control_hz: decisions per second; divides the physics rate of 500 Hz.
         terminate_on_success: end the episode when success has held for a second.
         fingertip_friction: sliding friction of the fingertips, at most 1.2.
+        perturbation: strengths of what goes wrong, names and units as in `lfd_gym.perturbation.Perturbation`.
         render_mode: None, "rgb_array" or "human".
         width, height: of rendered frames [px].
         camera: name of a camera of the scene.
@@ -69,6 +72,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     """Displacement of the tool point in the tool's axes [m]."""
     frames: ClassVar[tuple[str, ...]]
     """Bodies whose poses are tracked, each observed as `frame_<name>`."""
+    movable: ClassVar[tuple[str, ...]] = ()
+    """Bodies that a perturbation may push; the first one is."""
     subtasks: ClassVar[tuple[str, ...]]
     """How far the task got, reported as `subtask/<name>`."""
     layout: ClassVar[ActionLayout]
@@ -85,6 +90,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         control_hz: float = 50.0,
         terminate_on_success: bool = True,
         fingertip_friction: float = 1.0,
+        perturbation: Mapping[str, float] | None = None,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -107,16 +113,21 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self._n_substeps = int(PHYSICS_HZ // control_hz)
         self.metadata = {**self.metadata, "render_fps": round(control_hz)}
 
+        self.perturbation = Perturbation.of(perturbation)
+        self._schedule = Schedule(self.perturbation, len(self.frames))
         spec = wam.scene_spec(self.scene, self.tool, self.tool_offset)
         self.model = spec.compile()
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
-        for i in range(self.model.ngeom):
-            if self.model.geom(i).name.endswith("_tip"):
-                self.model.geom_friction[i, 0] = fingertip_friction
+        self._tips = [i for i in range(self.model.ngeom) if self.model.geom(i).name.endswith("_tip")]
+        self._tip_friction = fingertip_friction
+        self.model.geom_friction[self._tips, 0] = fingertip_friction
+        self._pushed = [self.model.body(name).id for name in self.movable]
         self.robot = Robot(self.model, self.data, self.tool, self.layout, self.frames, self.stiffness)
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
+        if self.perturbation.slip:
+            self.vary(*(self.model.geom_friction[i, 0:1] for i in self._tips))
         self._hidden = np.zeros(self.n_hidden)
         self._broken = False
         self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
@@ -185,9 +196,11 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         wanted = (options or {}).get("setup")
         mujoco.mj_resetData(self.model, self.data)
         self._restore_nominal()
-        self._setup = self._draw_setup(wanted)
+        rng = self.np_random
+        self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
         self._hidden[:] = 0.0
-        self.randomise(self.np_random)
+        self.randomise(rng)
+        self._schedule.draw(rng)
         if self._randomised:
             mujoco.mj_setConst(self.model, self.data)
             mujoco.mj_resetData(self.model, self.data)
@@ -201,6 +214,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """Command a goal for one control step. Raises InvalidActionError for NaN and wrong shapes."""
         self.robot.command(action)
+        if self._schedule.acts:
+            self._perturb()
         model, data, tick = self.model, self.data, self.robot.tick
         for _ in range(self._n_substeps):
             tick()
@@ -238,6 +253,17 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
             self._renderer.close()
             self._renderer = None
 
+    def set_guidance(self, wrench: ArrayLike | None) -> None:
+        """Let an outside hand guide the arm, as in kinesthetic teaching; None gives the arm back to the controller.
+
+        While it is guided the arm is gravity compensated and ignores the goals of pose and force; the hand still follows
+        its action. The wrench acts on the link above the wrist sensor, which therefore does not feel it (thesis 3.1.2).
+
+        Args:
+            wrench: force [N] and torque [N m] about the tool point, world axes, shape (6,); held until the next call.
+        """
+        self.robot.guide(None if wrench is None else np.asarray(wrench, dtype=np.float64))
+
     # state
 
     def setup(self) -> dict[str, Any]:
@@ -247,7 +273,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     def get_state(self) -> Array:
         """Everything that the future depends on, as one flat float64 array of constant size.
 
-        Simulation (`mjSTATE_INTEGRATION`), sensors, controller, varied model fields, timers and random generator.
+        Simulation (`mjSTATE_INTEGRATION`), sensors, controller, varied model fields, timers, perturbations, random
+        generator.
         """
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
@@ -260,7 +287,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
                 *varied,
                 self._hidden,
                 [self._held],
-                self._rng_state(),
+                self._schedule.state,
+                random_state.pack(self.np_random),
             ]
         )
 
@@ -271,8 +299,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         if array.shape != expected:
             raise InvalidArgumentError(f"state of shape {array.shape}; expected {expected}")
         sizes = [mujoco.mj_stateSize(self.model, _STATE), self.model.nsensordata, self.robot.state_size]
-        sizes += [view.size for view in self._randomised] + [self.n_hidden, 1]
-        physics, sensors, robot, *varied, hidden, held, rng = np.split(array, np.cumsum(sizes))
+        sizes += [view.size for view in self._randomised] + [self.n_hidden, 1, self._schedule.state.size]
+        physics, sensors, robot, *varied, hidden, held, schedule, rng = np.split(array, np.cumsum(sizes))
         for view, values in zip(self._randomised, varied, strict=True):
             view[...] = values.reshape(view.shape)
         if self._randomised:
@@ -282,8 +310,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self.data.sensordata[:] = sensors
         self.robot.set_state(robot)
         self._hidden[:], self._held = hidden, float(held[0])
+        self._schedule.state[:] = schedule
         self.after_physics()
-        self._set_rng_state(rng)
+        random_state.unpack(self.np_random, rng)
 
     # inside
 
@@ -291,41 +320,12 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         """Register views of model fields that `randomise` changes."""
         self._randomised += fields
 
-    def within(self, name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
-        """Raise InvalidSetupError where an object does not stand in its area."""
-        p = np.asarray(position, dtype=np.float64)
-        if p.shape != (2,) or not np.isfinite(p).all():
-            raise InvalidSetupError(f"position {position!r} of '{name}'; expected [x, y] in metres")
-        if (p < np.asarray(low) - 1e-9).any() or (p > np.asarray(high) + 1e-9).any():
-            raise InvalidSetupError(
-                f"'{name}' at {p.tolist()} is out of reach; possible: x in {[low[0], high[0]]}, y in {[low[1], high[1]]}"  # type: ignore[index]
-            )
+    within = staticmethod(setups.within)
 
-    def _draw_setup(self, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
-        fresh = self.sample_setup(self.np_random)
-        if wanted is None:
-            return fresh
-        if not isinstance(wanted, Mapping):
-            raise InvalidSetupError(f"setup {wanted!r}; expected a mapping of object to {{position, yaw}}")
-        for name, pose in wanted.items():
-            if name not in fresh:
-                raise InvalidSetupError(f"no object '{name}' in the setup; possible: {', '.join(fresh)}")
-            unknown = set(pose) - set(fresh[name]) if isinstance(pose, Mapping) else {repr(pose)}
-            if unknown:
-                raise InvalidSetupError(f"'{sorted(unknown)[0]}' of '{name}'; possible: {', '.join(fresh[name])}")
-        complete = set(wanted) == set(fresh)
-        for _ in range(1000):
-            setup = {name: {**pose, **wanted.get(name, {})} for name, pose in fresh.items()}
-            try:
-                self.check_setup(setup)
-            except InvalidSetupError:
-                if complete:
-                    raise
-                fresh = self.sample_setup(self.np_random)
-                continue
-            return {n: {k: np.asarray(v, float).tolist() for k, v in p.items()} for n, p in setup.items()}
-        self.check_setup(setup)
-        raise InvalidSetupError("no room for the objects that the setup does not name")
+    def between(self, rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
+        """What varies: uniform in a range that a perturbation may have widened about its middle; stays positive."""
+        middle, half = 0.5 * (low + high), 0.5 * (high - low) * self.perturbation.variation
+        return rng.uniform(max(middle - half, 0.1 * low), middle + half, size)
 
     def _restore_nominal(self) -> None:
         if self._nominal is None:
@@ -364,15 +364,29 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         boxes: dict[str, gymnasium.Space[Any]] = {
             key: Box(low, high, dtype=np.float64) for key, (low, high) in bounds.items()
         }
+        first = self._slices[f"frame_{self.frames[0]}"].start
+        self._tracked = slice(first, first + 7 * len(self.frames))
         self.observation_space = cast("gymnasium.Space[dict[str, Array]]", Dict(boxes))
         self.action_space = Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
     def _observe(self) -> dict[str, Array]:
         flat = np.empty(self._low.size)
         self._broken = not self.robot.observe(flat)
+        if self._schedule.senses:
+            self._schedule.sense(flat[self._tracked], flat[self._slices["wrench"]], self.np_random)
         np.maximum(flat, self._low, out=flat)
         np.minimum(flat, self._high, out=flat)
         return {key: flat[where] for key, where in self._slices.items()}
+
+    def _perturb(self) -> None:
+        """Push the arm and an object, make the fingertips slippery, as scheduled."""
+        schedule, time = self._schedule, self.data.time
+        arm, thing = schedule.pushes(time)
+        self.robot.push(arm)
+        if self._pushed:
+            self.data.xfrc_applied[self._pushed[0], :3] = thing
+        friction = SLIPPERY if schedule.slips(time) else self._tip_friction
+        self.model.geom_friction[self._tips, 0] = friction
 
     def _info(self, holds: bool) -> dict[str, Any]:
         success = holds and self._held >= HOLD_TIME - 1e-9
@@ -382,22 +396,6 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         for name, value in self.measures().items():
             info[name] = float(value)
         return info
-
-    def _rng_state(self) -> Array:
-        """The generator's state as exactly representable 32-bit pieces."""
-        state = self.np_random.bit_generator.state
-        numbers = [(state["state"][key] >> shift) & 0xFFFFFFFF for key in ("state", "inc") for shift in (0, 32, 64, 96)]
-        return np.array([*numbers, state["has_uint32"], state["uinteger"]], dtype=np.float64)
-
-    def _set_rng_state(self, numbers: Array) -> None:
-        pieces = [int(n) for n in numbers]
-        state = dict(self.np_random.bit_generator.state)
-        state["state"] = {
-            key: sum(piece << shift for piece, shift in zip(pieces[i : i + 4], (0, 32, 64, 96), strict=True))
-            for key, i in (("state", 0), ("inc", 4))
-        }
-        state["has_uint32"], state["uinteger"] = pieces[8], pieces[9]
-        self.np_random.bit_generator.state = state
 
 
 def upright(yaw: float) -> Array:

@@ -42,6 +42,7 @@ class MoveObjectEnv(ManipulationEnv):
 
     scene = "move_object.xml"
     frames = ("object", "target")
+    movable = ("object",)
     subtasks = ("grasped", "at_target", "released")
     time_limit = 30.0
     layout = ActionLayout(
@@ -102,10 +103,10 @@ class MoveObjectEnv(ManipulationEnv):
 
     def randomise(self, rng: np.random.Generator) -> None:
         """Mass (with its inertia) and friction of the object."""
-        factor = rng.uniform(0.1, 0.2) / self._mass[0]
+        factor = self.between(rng, 0.1, 0.2) / self._mass[0]
         self._mass *= factor
         self._inertia *= factor
-        self._friction[0] = rng.uniform(0.6, 1.0)
+        self._friction[0] = self.between(rng, 0.6, 1.0)
 
     def after_physics(self) -> None:
         """See whether the object touches nothing but what is fixed to the world."""

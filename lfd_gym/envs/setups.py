@@ -1,0 +1,69 @@
+"""Setups: where the objects stand at a reset, as `{object: {"position": [x, y], "yaw": angle, ...}}`."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lfd_gym.errors import InvalidSetupError
+
+ATTEMPTS = 1000
+"""How often the objects that are not named are drawn anew around those that are."""
+
+Setup = dict[str, Any]
+
+
+def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], None]) -> Setup:
+    """A setup with what is wanted, the rest drawn at random around it.
+
+    Args:
+        wanted: None, or a mapping with some of the objects and some of their coordinates.
+        sample: draws a whole setup.
+        check: raises InvalidSetupError for a setup that cannot be.
+
+    Raises:
+        InvalidSetupError: an unknown object or coordinate, out of reach, overlapping, or no room for the rest.
+    """
+    fresh = sample()
+    if wanted is None:
+        return fresh
+    if not isinstance(wanted, Mapping):
+        raise InvalidSetupError(f"setup {wanted!r}; expected a mapping of object to {{position, yaw}}")
+    for name, pose in wanted.items():
+        if name not in fresh:
+            raise InvalidSetupError(f"no object '{name}' in the setup; possible: {', '.join(fresh)}")
+        unknown = set(pose) - set(fresh[name]) if isinstance(pose, Mapping) else {repr(pose)}
+        if unknown:
+            raise InvalidSetupError(f"'{sorted(unknown)[0]}' of '{name}'; possible: {', '.join(fresh[name])}")
+    for _ in range(ATTEMPTS):
+        setup = {name: {**pose, **wanted.get(name, {})} for name, pose in fresh.items()}
+        try:
+            check(setup)
+        except InvalidSetupError:
+            if set(wanted) == set(fresh):
+                raise
+            fresh = sample()
+            continue
+        return {name: {key: _plain(value) for key, value in pose.items()} for name, pose in setup.items()}
+    check(setup)
+    raise InvalidSetupError("no room for the objects that the setup does not name")
+
+
+def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
+    """Raise InvalidSetupError where an object does not stand in its area (x, y) [m]."""
+    try:
+        p = np.asarray(position, dtype=np.float64)
+    except (TypeError, ValueError):
+        p = np.empty(0)
+    if p.shape != (2,) or not np.isfinite(p).all():
+        raise InvalidSetupError(f"position {position!r} of '{name}'; expected [x, y] in metres")
+    (x0, y0), (x1, y1) = np.asarray(low).tolist(), np.asarray(high).tolist()
+    if not (x0 - 1e-9 <= p[0] <= x1 + 1e-9 and y0 - 1e-9 <= p[1] <= y1 + 1e-9):
+        raise InvalidSetupError(
+            f"'{name}' at {p.tolist()} is out of reach; possible: x from {x0} to {x1}, y from {y0} to {y1} m"
+        )
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
