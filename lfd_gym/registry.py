@@ -32,6 +32,7 @@ class EnvironmentEntry(NamedTuple):
 ENVIRONMENTS: dict[str, EnvironmentEntry] = {
     "lfd_gym/MoveObject-v0": EnvironmentEntry("lfd_gym.envs.move_object:MoveObjectEnv", seconds=30.0),
     "lfd_gym/LightBulb-v0": EnvironmentEntry("lfd_gym.envs.light_bulb:LightBulbEnv", seconds=90.0),
+    "lfd_gym/BoxStacking-v0": EnvironmentEntry("lfd_gym.envs.box_stacking:BoxStackingEnv", seconds=90.0),
     "lfd_gym/BoxFlipping-v0": EnvironmentEntry("lfd_gym.envs.box_flipping:BoxFlippingEnv", seconds=30.0),
 }
 

@@ -3,5 +3,6 @@
 TEACHERS: dict[str, str] = {
     "lfd_gym/MoveObject-v0": "scripted_teachers.move_object:MoveObjectTeacher",
     "lfd_gym/LightBulb-v0": "scripted_teachers.light_bulb:LightBulbTeacher",
+    "lfd_gym/BoxStacking-v0": "scripted_teachers.box_stacking:BoxStackingTeacher",
     "lfd_gym/BoxFlipping-v0": "scripted_teachers.box_flipping:BoxFlippingTeacher",
 }
