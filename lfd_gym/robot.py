@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfd_gym import controller, quaternion, servo, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.guidance import Impedance
 
 Array = NDArray[np.float64]
 
@@ -47,9 +48,9 @@ class Robot:
         self._handles = wam.handles(model, data, tool)
         self._write_settings(tool, stiffness)
         self._frames = np.array([model.body(name).id for name in frames], dtype=np.int64)
+        self._guided_link, self._pushed_link = model.body("wam_link_7").id, model.body("wam_link_5").id
         self._bind()
         self._site = data.site(f"{tool}/tool")
-        self._guided_link, self._pushed_link = model.body("wam_link_7").id, model.body("wam_link_5").id
         self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
         self.state_size = servo.MEMORY.itemsize // 8
 
@@ -78,14 +79,16 @@ class Robot:
         """Bind the compiled functions to this simulation's arrays, past Numba's type dispatch, which costs as much again."""
         mujoco.mj_forward(self.model, self.data)
         records, arrays, layout = (self._settings, self._command, self._memory), self._handles.arguments, self.layout
-        self.tick = _bound(servo.tick, *records, *arrays, np.zeros((27, 14)), controller.NullSpace())
+        data = self.data
+        guided = data.xipos[self._guided_link], data.xfrc_applied[self._guided_link], Impedance()
+        self.tick = _bound(servo.tick, *records, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
         """One step of the controller."""
         scales = (layout.workspace_low, layout.workspace_high, layout.rotation_limit, layout.force_limit)
         hand = (layout.hand_low, layout.hand_high)
         self._set_goal = _bound(
             servo.command, self._command, *scales, *hand, layout.reference_quaternion, call=(np.zeros(layout.size),)
         )
-        n, data = sum(size for _, size in servo.measurements(self._handles.hand_addresses.size)), self.data
+        n = sum(size for _, size in servo.measurements(self._handles.hand_addresses.size))
         bodies = (data.xpos, data.xquat, self._frames, layout.reference_quaternion)
         self._measure = _bound(
             servo.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
@@ -114,16 +117,23 @@ class Robot:
         if array.shape != (self.layout.size,) or not self._set_goal(array):
             self.layout.decode(array)
 
-    def guide(self, wrench: Array | None) -> None:
-        """An outside hand's wrench (6,) about the tool point on the link above the wrist sensor; None lets go."""
-        if wrench is not None and (wrench.shape != (6,) or not np.isfinite(wrench).all()):
-            raise InvalidArgumentError(f"guidance {wrench}; expected force and torque, six finite numbers")
-        self._memory["guided"] = wrench is not None
-        applied = self.data.xfrc_applied[self._guided_link]
-        applied[:] = 0.0
-        if wrench is not None:
-            lever = self._site.xpos - self.data.xipos[self._guided_link]
-            applied[:3], applied[3:] = wrench[:3], wrench[3:] + np.cross(lever, wrench[:3])
+    def guide(self, guidance: ArrayLike | None) -> None:
+        """Let an outside hand guide the tool; None lets go. Raises InvalidArgumentError.
+
+        Args:
+            guidance: pose of the hand (position, quaternion), its twist, and a force it exerts beside: shape (16,).
+        """
+        self._memory["guided"] = guidance is not None
+        self.data.xfrc_applied[self._guided_link] = 0.0
+        if guidance is None:
+            return
+        values = np.asarray(guidance, dtype=np.float64)
+        if values.shape != (16,) or not np.isfinite(values).all():
+            raise InvalidArgumentError(f"guidance of shape {values.shape}; expected 16 finite numbers")
+        for name, part in zip(
+            ("position", "quaternion", "velocity", "force"), np.split(values, (3, 7, 13)), strict=True
+        ):
+            self._memory[f"guide_{name}"] = part
 
     def push(self, force: Array) -> None:
         """A force (3,) of the world on the wrist, world frame [N]."""

@@ -77,12 +77,16 @@ MEMORY = np.dtype(
         ("ticks", "f8"),
         ("hand", "f8", 4),
         ("guided", "f8"),
+        ("guide_position", "f8", 3),
+        ("guide_quaternion", "f8", 4),
+        ("guide_velocity", "f8", 6),
+        ("guide_force", "f8", 3),
     ],
     align=True,
 )
 """The controller's state: the reference's pose and twist, the measured twist of the tool, integrals, contact mode, filtered
 force of the tool on the world, the sum of the wrenches since the last observation, the references of the hand's drives, and
-whether an outside hand guides the arm."""
+whether an outside hand guides the arm, with its pose, twist and force."""
 
 
 @njit(cache=True)
@@ -187,14 +191,44 @@ def _limit_lead(error: Array, velocity: Array, tool_velocity: Array, first: int,
 
 
 @njit(cache=True)
-def brake(position: float, velocity: float, low: float, high: float, speed: float, rate: float, dt: float) -> float:
-    """Deceleration [rad/s^2] of a joint that is faster than ``speed``, or than it may approach its limits.
-
-    A joint that is a fraction ``rate`` [1/s] of its speed away from a limit can still stop before it; what is too fast is
-    taken back over four ticks.
-    """
+def overspeed(position: float, velocity: float, low: float, high: float, speed: float, rate: float) -> float:
+    """How much faster a joint is than it may be [rad/s]: than ``speed``, or than ``rate`` [1/s] times its way to the limit."""
     fastest, slowest = min(speed, rate * (high - position)), max(-speed, rate * (low - position))
-    return 0.25 / dt * (velocity - min(max(velocity, slowest), fastest))
+    return velocity - min(max(velocity, slowest), fastest)
+
+
+@njit(cache=True)
+def outside_hand(memory, impedance, tool: Array, tool_quaternion, link: Array, applied: Array) -> None:  # type: ignore[no-untyped-def]
+    """Writes the wrench (6,) that an outside hand exerts on the link above the wrist sensor (thesis 3.1.2).
+
+    The hand is a spring and a damper between the tool and where the hand is. Along a force that it exerts beside it only brakes.
+
+    Args:
+        impedance: see `guidance.Impedance`.
+        tool, tool_quaternion: pose of the tool point.
+        link: centre of mass of the link, about which MuJoCo applies a wrench.
+        applied: row of `data.xfrc_applied`.
+    """
+    m = memory[0]
+    turn = quaternion.difference_(m.guide_quaternion, tool_quaternion)
+    strength = math.sqrt(m.guide_force[0] ** 2 + m.guide_force[1] ** 2 + m.guide_force[2] ** 2)
+    along = speed = 0.0
+    for i in range(3):
+        applied[i] = impedance.stiffness * (m.guide_position[i] - tool[i])
+        applied[i] += impedance.damping * (m.guide_velocity[i] - m.tool_velocity[i])
+        applied[3 + i] = impedance.turn_stiffness * turn[i]
+        applied[3 + i] += impedance.turn_damping * (m.guide_velocity[3 + i] - m.tool_velocity[3 + i])
+        if strength > 0.0:
+            along += applied[i] * m.guide_force[i] / strength
+            speed += m.tool_velocity[i] * m.guide_force[i] / strength
+    for i in range(3):
+        if strength > 0.0:
+            applied[i] += m.guide_force[i] - (along + impedance.brake * speed) * m.guide_force[i] / strength
+        applied[i] = min(max(applied[i], -impedance.strongest), impedance.strongest)
+    x, y, z = tool[0] - link[0], tool[1] - link[1], tool[2] - link[2]
+    applied[3] += y * applied[2] - z * applied[1]
+    applied[4] += z * applied[0] - x * applied[2]
+    applied[5] += x * applied[1] - y * applied[0]
 
 
 @njit(cache=True)
@@ -245,6 +279,9 @@ def tick(  # type: ignore[no-untyped-def]
     tool_com,
     hand_joints,
     ctrl,
+    guided_link,
+    guided_wrench,
+    impedance,
     work,
     gains,
 ):
@@ -261,6 +298,8 @@ def tick(  # type: ignore[no-untyped-def]
         reading: force and torque of the wrist sensor, sensor axes.
         tool_com: centre of mass of all that hangs on the sensor.
         hand_joints: addresses of spread and finger angles in ``qpos``.
+        guided_link, guided_wrench: centre of mass of the link that an outside hand guides, and the wrench that acts on it.
+        impedance: of the outside hand.
         work: scratch (27, 14); gains: of the null space.
     """
     s, c, m = settings[0], command[0], memory[0]
@@ -322,6 +361,7 @@ def tick(  # type: ignore[no-untyped-def]
         feed[i] += s.stiffness * error[i] + s.damping * (m.velocity[i] - m.tool_velocity[i]) + m.integral[i]
 
     if m.guided:
+        outside_hand(memory, impedance, tool, quaternion.from_matrix_(tool_rotation), guided_link, guided_wrench)
         _follow(memory, tool, quaternion.from_matrix_(tool_rotation))
         for i in range(6):
             feed[i] = e_d[i] = e_f[i] = 0.0
@@ -335,10 +375,10 @@ def tick(  # type: ignore[no-untyped-def]
     controller.hybrid_torque(full, jacobian, drift, bias, selection, feed, e_d, e_f, xi, torque, scratch)
     for i in range(n):
         load = torque[i] + s.joint_damping[i] * qvel[i] + s.joint_friction[i] * math.tanh(qvel[i] / s.friction_speed)
-        load -= (
-            brake(qpos[i], qvel[i], s.joint_low[i], s.joint_high[i], s.joint_speed, s.joint_brake, s.dt)
-            * (inertia[i * (i + 3) // 2])
-        )
+        load = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
+        excess = overspeed(qpos[i], qvel[i], s.joint_low[i], s.joint_high[i], s.joint_speed, s.joint_brake)
+        # what is too fast is taken back over four ticks, by the inertia that the joint feels
+        load -= 0.25 / s.dt * excess * inertia[i * (i + 3) // 2]
         ctrl[i] = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
     drive_hand(settings, command, memory, qpos, hand_joints, ctrl)
 
