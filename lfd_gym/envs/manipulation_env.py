@@ -72,6 +72,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     """Displacement of the tool point in the tool's axes [m]."""
     frames: ClassVar[tuple[str, ...]]
     """Bodies whose poses are tracked, each observed as `frame_<name>`."""
+    features: ClassVar[Mapping[str, tuple[ArrayLike, ArrayLike]]] = {}
+    """Further observations of the task, which `derive` fills in: {key: (lowest, highest values)}."""
     movable: ClassVar[tuple[str, ...]] = ()
     """Bodies that a perturbation may push; the first one is."""
     subtasks: ClassVar[tuple[str, ...]]
@@ -160,6 +162,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
 
     def after_physics(self) -> None:
         """What the world does between two control steps (a thread that ends), and what the predicates need of it."""
+
+    def derive(self, observation: dict[str, Array]) -> None:
+        """Write in place what follows from the other measurements: the `features`, the pose of a symmetric object."""
 
     def succeeded(self) -> bool:
         """The predicate: does the simulation's truth show the task done at this moment."""
@@ -355,6 +360,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
             bounds["hand_torque"] = (-5.0 * unit, 5.0 * unit)
         for name in self.frames:
             bounds[f"frame_{name}"] = (_FRAME_LOW, _FRAME_HIGH)
+        for name, (low, high) in self.features.items():
+            bounds[name] = (np.array(low, dtype=np.float64), np.array(high, dtype=np.float64))
         self._low = np.concatenate([low for low, _ in bounds.values()])
         self._high = np.concatenate([high for _, high in bounds.values()])
         ends = np.cumsum([low.size for low, _ in bounds.values()])
@@ -370,13 +377,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self.action_space = Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
     def _observe(self) -> dict[str, Array]:
-        flat = np.empty(self._low.size)
+        flat = np.zeros(self._low.size)
         self._broken = not self.robot.observe(flat)
         if self._schedule.senses:
             self._schedule.sense(flat[self._tracked], flat[self._slices["wrench"]], self.np_random)
+        observation = {key: flat[where] for key, where in self._slices.items()}
+        self.derive(observation)
         np.maximum(flat, self._low, out=flat)
         np.minimum(flat, self._high, out=flat)
-        return {key: flat[where] for key, where in self._slices.items()}
+        return observation
 
     def _perturb(self) -> None:
         """Push the arm and an object, make the fingertips slippery, as scheduled."""
