@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 from bare_robot import LAYOUT
+from scipy.spatial.transform import Rotation
+
 from lfd_gym import quaternion, wam
 from lfd_gym.action import DEAD_ZONE, ActionLayout
 from lfd_gym.errors import InvalidActionError
-from scipy.spatial.transform import Rotation
 
 ROTATION = np.array([0.2, -0.3, 1.1])
 TURNED = quaternion.multiply(quaternion.from_rotation_vector(ROTATION), wam.TOOL_DOWN)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from lfd_gym.contact import APPROACH, CONTACT, CONTACT_FRACTION, CONTACT_TIME, FREE, TURN_LIMIT, advance
 
 DT = 0.002

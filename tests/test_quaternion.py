@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from lfd_gym import quaternion
 from scipy.spatial.transform import Rotation
+
+from lfd_gym import quaternion
 
 RNG = np.random.default_rng(0)
 QUATERNIONS = Rotation.random(50, rng=RNG).as_quat(scalar_first=True) * RNG.choice([-1.0, 1.0], (50, 1))
