@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 from dm_control.utils.rewards import tolerance
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lfd_gym import quaternion, wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
-from lfd_gym.errors import InvalidSetupError
+from lfd_gym.envs import setups
+from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
 
 Array = NDArray[np.float64]
 
@@ -35,17 +35,17 @@ CLEARANCE = 0.16
 class BoxFlippingEnv(ManipulationEnv):
     """Push a box against a fixed obstacle and flip it about the obstacle's lower edge (thesis 3.5.1, Figures 3.5 and 3.6).
 
-    | what           |                                                                                                    |
-    |----------------|----------------------------------------------------------------------------------------------------|
-    | frames         | `obstacle_edge`: middle of the obstacle's lower edge, x away from it, y up, z along it; read as    |
-    |                | cylindrical coordinates it is the axis that the box turns about; the box itself is not tracked     |
-    | start          | obstacle +- 5 cm, +- 20 degrees; box 5-15 cm before it, +- 8 cm along it, skewed by +- 5 degrees    |
-    | varies, hidden | mass of the box 0.25-0.40 kg, its friction with table and obstacle 0.2-0.3                         |
-    | success        | the box rests on its other face, turned by 90 +- 5 degrees, not touched, the tool is 16 cm away    |
-    | subtasks       | `at_obstacle`, `tilted` (by 30 degrees), `flipped`                                                 |
-    | measures       | `turned`: how far the box is turned about the edge [rad]                                           |
-    | dense reward   | reach 0.2, push 0.2, turn 0.4, withdraw 0.15                                                       |
-    | time limit     | 30 s                                                                                               |
+    | what | |
+    |---|---|
+    | frames | `obstacle_edge`: middle of the obstacle's lower edge, x away from it, y up, z along it; in cylindrical |
+    | | coordinates it is the axis that the box turns about; the box itself is not tracked |
+    | start | obstacle +- 5 cm, +- 20 degrees; box 5-15 cm before it, +- 8 cm along it, skewed by +- 5 degrees |
+    | varies, hidden | mass of the box 0.25-0.40 kg, its friction with table and obstacle 0.2-0.3 |
+    | success | the box rests on its other face, turned by 90 +- 5 degrees, not touched, the tool is 16 cm away |
+    | subtasks | `at_obstacle`, `tilted` (by 30 degrees), `flipped` |
+    | measures | `turned`: how far the box is turned about the edge [rad] |
+    | dense reward | reach 0.2, push 0.2, turn 0.4, withdraw 0.15 |
+    | time limit | 30 s |
 
     The box is 30 cm long, 16 cm deep, 7 cm high, the obstacle 13 cm high. The tool point lies between the fingertips 1 and 2
     when their outer links point down at a spread of 0.6 rad (`HAND`), 17 cm from each other. Workspace: x 0.36-0.80,
@@ -57,6 +57,7 @@ class BoxFlippingEnv(ManipulationEnv):
     scene = "box_flipping.xml"
     tool_offset = (0.0, -0.087, -0.006)
     frames = ("obstacle_edge",)
+    movable = ("box",)
     subtasks = ("at_obstacle", "tilted", "flipped")
     time_limit = 30.0
     layout = ActionLayout(
@@ -104,12 +105,12 @@ class BoxFlippingEnv(ManipulationEnv):
         """The obstacle in its area, the box before it."""
         self.within("obstacle", setup["obstacle"]["position"], AREA_LOW, AREA_HIGH)
         self.within("box", setup["box"]["position"], AREA_LOW - 1.0, AREA_HIGH + 1.0)
-        yaw, skew = setup["obstacle"]["yaw"], setup["box"]["yaw"] - setup["obstacle"]["yaw"]
+        yaw, box_yaw = setup["obstacle"]["yaw"], setup["box"]["yaw"]
+        setups.in_range("yaw of 'obstacle'", yaw, -MAX_YAW, MAX_YAW)
+        setups.in_range("yaw of 'box'", box_yaw, yaw - MAX_SKEW, yaw + MAX_SKEW)
         along, away = _before(setup)
-        _possible("yaw of 'obstacle'", yaw, -MAX_YAW, MAX_YAW)
-        _possible("gap between 'obstacle' and 'box'", away - BOX_HALF[1], GAP_LOW, GAP_HIGH)
-        _possible("place of 'box' along the edge", along, -MAX_ALONG, MAX_ALONG)
-        _possible("yaw of 'box' to the obstacle", skew, -MAX_SKEW, MAX_SKEW)
+        setups.in_range("gap between 'obstacle' and 'box'", away - BOX_HALF[1], GAP_LOW, GAP_HIGH)
+        setups.in_range("place of 'box' along the edge", along, -MAX_ALONG, MAX_ALONG)
 
     def place(self, setup: Mapping[str, Any]) -> None:
         """Obstacle and box on the table."""
@@ -120,15 +121,14 @@ class BoxFlippingEnv(ManipulationEnv):
 
     def randomise(self, rng: np.random.Generator) -> None:
         """Mass (with its inertia) of the box, its friction with table and obstacle."""
-        factor = rng.uniform(0.25, 0.40) / self._mass[0]
+        factor = self.between(rng, 0.25, 0.40) / self._mass[0]
         self._mass *= factor
         self._inertia *= factor
-        self._friction[:] = rng.uniform(0.2, 0.3)
+        self._friction[:] = self.between(rng, 0.2, 0.3)
 
     def after_physics(self) -> None:
         """See whether the robot touches the box."""
-        pairs = self.data.contact.geom
-        self._untouched = not (self._is_box[pairs].any(axis=1) & self._is_robot[pairs].any(axis=1)).any()
+        self._untouched = count_contacts(self.data.contact.geom, self._is_box, self._is_robot) == 0
 
     def _turned(self) -> float:
         """Angle of the box's side that faced away from the obstacle, from lying (0) to up (pi/2)."""
@@ -177,9 +177,3 @@ def _before(setup: Mapping[str, Any]) -> Array:
     offset = np.subtract(setup["box"]["position"], setup["obstacle"]["position"])
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([c * offset[0] + s * offset[1], c * offset[1] - s * offset[0]])
-
-
-def _possible(what: str, value: ArrayLike, low: float, high: float) -> None:
-    """Raise InvalidSetupError where a number lies outside its range."""
-    if not low - 1e-9 <= float(np.asarray(value)) <= high + 1e-9:
-        raise InvalidSetupError(f"{what} is {float(np.asarray(value)):.3f}; possible: {low:.3f} to {high:.3f}")
