@@ -35,6 +35,7 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An argument of the constructor (repeatable).")
 ]
 NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
+ModeOption = Annotated[str, typer.Option(help="How the teacher shows it: 'commanded' or 'kinesthetic'.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of the first episode.")]
 JobsOption = Annotated[int, typer.Option(help="Processes; they change nothing but time.")]
 
@@ -107,6 +108,7 @@ def teach(
     n: Annotated[int, typer.Option("-n", help="Number of demonstrations.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of the data set.")] = 0,
     noise: NoiseOption = 1.0,
+    mode: ModeOption = "commanded",
     settings: SetOption = None,
 ) -> None:
     """Let the scripted teacher demonstrate, and keep what was measured."""
@@ -116,7 +118,7 @@ def teach(
 
     env_id = environment_id(env)
     demonstrations, discarded = record(
-        env_id, _teacher(env_id, noise), n=n, seed=seed, env_kwargs=parse_settings(settings), progress=True
+        env_id, _teacher(env_id, noise, mode), n=n, seed=seed, env_kwargs=parse_settings(settings), progress=True
     )
     save_demonstrations(out, demonstrations)
     print(f"{'demonstration':<15}{'seconds':>8}{'primitives':>12}")
@@ -159,6 +161,7 @@ def evaluate(
     n: Annotated[int, typer.Option("-n", help="Number of episodes.")] = 20,
     seed: SeedOption = 100000,
     noise: NoiseOption = 1.0,
+    mode: ModeOption = "commanded",
     jobs: JobsOption = 1,
     json_path: Annotated[Path | None, typer.Option("--json", help="File for the report as data.")] = None,
     settings: SetOption = None,
@@ -169,7 +172,7 @@ def evaluate(
     from lfd_gym.registry import environment_id
 
     env_id = environment_id(env)
-    policy = _policy(skill, env_id, noise)
+    policy = _policy(skill, env_id, noise, mode)
     report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=parse_settings(settings), progress=True)
     print(report.table())
     if json_path is not None:
@@ -184,6 +187,7 @@ def render(
     out: Annotated[Path, typer.Option(help="Video to write (.mp4).")],
     seed: SeedOption = 100000,
     noise: NoiseOption = 1.0,
+    mode: ModeOption = "commanded",
     settings: SetOption = None,
 ) -> None:
     """Film one episode."""
@@ -191,7 +195,7 @@ def render(
     from lfd_gym.registry import environment_id, make
 
     env_id = environment_id(env)
-    policy = _policy(skill, env_id, noise)
+    policy = _policy(skill, env_id, noise, mode)
     rendering.prepare()
     world = make(env_id, render_mode="rgb_array", **parse_settings(settings))
     path = rendering.video_path(out)
@@ -240,13 +244,13 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
     return parsed
 
 
-def _teacher(env_id: str, noise: float) -> Any:
+def _teacher(env_id: str, noise: float, mode: str = "commanded") -> Any:
     from lfd_gym.registry import look_up
     from scripted_teachers import TEACHERS
 
     if not (math.isfinite(noise) and noise >= 0.0):
         raise InvalidArgumentError(f"the noise is {noise:g}; it must be 0 or more (0 clean, 1 a human's)")
-    return look_up(TEACHERS, "teacher for", env_id)(noise=noise)
+    return look_up(TEACHERS, "teacher for", env_id)(noise=noise, mode=mode)
 
 
 def _learner(method: str, settings: dict[str, Any]) -> Any:
@@ -258,11 +262,11 @@ def _learner(method: str, settings: dict[str, Any]) -> Any:
     return learner(**settings)
 
 
-def _policy(skill: str, env_id: str, noise: float) -> Any:
+def _policy(skill: str, env_id: str, noise: float, mode: str = "commanded") -> Any:
     from lfd_gym.rollout import RandomPolicy, TeacherPolicy
 
     if skill == "teacher":
-        return TeacherPolicy(_teacher(env_id, noise))
+        return TeacherPolicy(_teacher(env_id, noise, mode))
     if skill == "random":
         return RandomPolicy()
     from policies import load_skill

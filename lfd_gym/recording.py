@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 
 from lfd_gym.demonstration import Demonstration
+from lfd_gym.derived_actions import derive_actions
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
@@ -105,9 +106,15 @@ def _demonstration(
     world: Any = env.unwrapped
     seen = [step.observation for step in steps] + [steps[-1].next_observation]
     assert env.spec is not None
+    mode = str(getattr(teacher, "mode", "commanded"))
+    observations = {name: np.stack([observation[name] for observation in seen]) for name in seen[0]}
+    actions = np.stack([step.action for step in steps])
+    if mode == "kinesthetic":
+        actions = derive_actions(observations, actions, world.action_layout, float(world.dt))
     return Demonstration(
-        observations={name: np.stack([observation[name] for observation in seen]) for name in seen[0]},
-        actions=np.stack([step.action for step in steps]),
+        observations=observations,
+        actions=actions,
+        actions_derived=mode == "kinesthetic",
         rewards=np.array([step.reward for step in steps]),
         labels=np.array([step.state[0][0] for step in steps if step.state is not None]),
         primitives=tuple(teacher.primitives),
@@ -120,7 +127,7 @@ def _demonstration(
         teacher={
             "name": f"{type(teacher).__module__}:{type(teacher).__name__}",
             "noise": float(getattr(teacher, "noise", 0.0)),
-            "mode": str(getattr(teacher, "mode", "commanded")),
+            "mode": mode,
         },
         action_layout=world.action_layout.to_dict(),
         states=np.stack(env.states),

@@ -121,19 +121,25 @@ class Robot:
         """Let an outside hand guide the tool; None lets go. Raises InvalidArgumentError.
 
         Args:
-            guidance: pose of the hand (position, quaternion), its twist, and a force it exerts beside: shape (16,).
+            guidance: a wrench about the tool point (6,), or where the hand holds the tool (position, quaternion), its twist,
+                and a force that it exerts beside (16,); world axes.
         """
-        self._memory["guided"] = guidance is not None
+        memory = self._memory
+        memory["guided"] = guidance is not None
         self.data.xfrc_applied[self._guided_link] = 0.0
         if guidance is None:
             return
         values = np.asarray(guidance, dtype=np.float64)
-        if values.shape != (16,) or not np.isfinite(values).all():
-            raise InvalidArgumentError(f"guidance of shape {values.shape}; expected 16 finite numbers")
+        if values.shape not in ((6,), (16,)) or not np.isfinite(values).all():
+            raise InvalidArgumentError(f"guidance of shape {values.shape}; expected 6 or 16 finite numbers")
+        memory["guide_holds"], memory["guide_torque"] = values.size == 16, 0.0
+        if values.size == 6:
+            memory["guide_force"], memory["guide_torque"] = values[:3], values[3:]
+            return
         for name, part in zip(
             ("position", "quaternion", "velocity", "force"), np.split(values, (3, 7, 13)), strict=True
         ):
-            self._memory[f"guide_{name}"] = part
+            memory[f"guide_{name}"] = part
 
     def push(self, force: Array) -> None:
         """A force (3,) of the world on the wrist, world frame [N]."""

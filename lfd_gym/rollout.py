@@ -63,7 +63,7 @@ class TeacherPolicy:
     """A scripted teacher as a policy; its state is one array, the label (1,) of the primitive it performs.
 
     The teacher's random numbers come from SeedSequence(seed of the episode, spawn_key=(2,)), a stream that the
-    environment does not draw from.
+    environment does not draw from. A kinesthetic teacher guides the arm with its hand beside the action.
     """
 
     def __init__(self, teacher: Any) -> None:
@@ -74,6 +74,7 @@ class TeacherPolicy:
         """Start the teacher over with the random numbers of this episode."""
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
         world: Any = env.unwrapped
+        self._world = world
         self.teacher.reset(rng, world.action_layout, world.dt)
 
     def predict(
@@ -85,6 +86,8 @@ class TeacherPolicy:
     ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         """The teacher's action, and its label as state."""
         action, label = self.teacher.act(observation)
+        if getattr(self.teacher, "guidance", None) is not None:
+            self._world.set_guidance(self.teacher.guidance)
         return action, (np.array([label]),)
 
 

@@ -81,6 +81,8 @@ MEMORY = np.dtype(
         ("guide_quaternion", "f8", 4),
         ("guide_velocity", "f8", 6),
         ("guide_force", "f8", 3),
+        ("guide_torque", "f8", 3),
+        ("guide_holds", "f8"),
     ],
     align=True,
 )
@@ -201,7 +203,8 @@ def overspeed(position: float, velocity: float, low: float, high: float, speed: 
 def outside_hand(memory, impedance, tool: Array, tool_quaternion, link: Array, applied: Array) -> None:  # type: ignore[no-untyped-def]
     """Writes the wrench (6,) that an outside hand exerts on the link above the wrist sensor (thesis 3.1.2).
 
-    The hand is a spring and a damper between the tool and where the hand is. Along a force that it exerts beside it only brakes.
+    A hand that holds the tool is a spring and a damper between the tool and where the hand is; along a force that it exerts
+    beside it only brakes. A hand that does not hold it only exerts its force and torque.
 
     Args:
         impedance: see `guidance.Impedance`.
@@ -211,19 +214,20 @@ def outside_hand(memory, impedance, tool: Array, tool_quaternion, link: Array, a
     """
     m = memory[0]
     turn = quaternion.difference_(m.guide_quaternion, tool_quaternion)
+    holds = m.guide_holds
     strength = math.sqrt(m.guide_force[0] ** 2 + m.guide_force[1] ** 2 + m.guide_force[2] ** 2)
     along = speed = 0.0
     for i in range(3):
-        applied[i] = impedance.stiffness * (m.guide_position[i] - tool[i])
-        applied[i] += impedance.damping * (m.guide_velocity[i] - m.tool_velocity[i])
-        applied[3 + i] = impedance.turn_stiffness * turn[i]
-        applied[3 + i] += impedance.turn_damping * (m.guide_velocity[3 + i] - m.tool_velocity[3 + i])
+        applied[i] = holds * impedance.stiffness * (m.guide_position[i] - tool[i])
+        applied[i] += holds * impedance.damping * (m.guide_velocity[i] - m.tool_velocity[i])
+        applied[3 + i] = m.guide_torque[i] + holds * impedance.turn_stiffness * turn[i]
+        applied[3 + i] += holds * impedance.turn_damping * (m.guide_velocity[3 + i] - m.tool_velocity[3 + i])
         if strength > 0.0:
             along += applied[i] * m.guide_force[i] / strength
             speed += m.tool_velocity[i] * m.guide_force[i] / strength
     for i in range(3):
         if strength > 0.0:
-            applied[i] += m.guide_force[i] - (along + impedance.brake * speed) * m.guide_force[i] / strength
+            applied[i] += m.guide_force[i] - (along + holds * impedance.brake * speed) * m.guide_force[i] / strength
         applied[i] = min(max(applied[i], -impedance.strongest), impedance.strongest)
     x, y, z = tool[0] - link[0], tool[1] - link[1], tool[2] - link[2]
     applied[3] += y * applied[2] - z * applied[1]

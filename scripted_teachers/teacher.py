@@ -17,10 +17,12 @@ from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import EntityControl, Primitive
 from lfd_gym.errors import InvalidArgumentError
 from scripted_teachers import noise as noise_model
+from scripted_teachers.kinesthetic import OutsideHand
 
 Array = NDArray[np.float64]
 Observation = Mapping[str, Array]
 
+MODES = ("commanded", "kinesthetic")
 SPEED = 0.3
 """Mean speed of a clean movement [m/s]."""
 TURN_SPEED = 1.5
@@ -86,14 +88,21 @@ class ScriptedTeacher:
 
     Args:
         noise: scale of a human's variations, see `scripted_teachers.noise`; 0 is clean.
+        mode: "commanded" sends attractor goals, "kinesthetic" guides the arm by hand: `act` then also sets `guidance`, and
+            of its action only the fingers count.
 
     Raises:
-        InvalidArgumentError: negative noise.
+        InvalidArgumentError: negative noise, or an unknown mode.
     """
 
+    guidance: Array | None = None
+    """Pose, twist and force of the outside hand (16,), for `env.unwrapped.set_guidance`; None in commanded mode."""
     primitives: ClassVar[tuple[Primitive, ...]]
 
-    def __init__(self, noise: float = 1.0) -> None:
+    def __init__(self, noise: float = 1.0, mode: str = "commanded") -> None:
+        if mode not in MODES:
+            raise InvalidArgumentError(f"mode '{mode}'; possible: {', '.join(MODES)}")
+        self.mode = mode
         if not (np.isfinite(noise) and noise >= 0.0):
             raise InvalidArgumentError(f"noise {noise}; possible: 0 (clean), 1 (a human's) and above")
         self.noise = float(noise)
@@ -112,12 +121,15 @@ class ScriptedTeacher:
         """
         self.rng, self.layout, self.dt = rng, layout, dt
         self._steps = self._episode()
-        self._started = False
+        self._outside_hand = OutsideHand(rng, self.noise, dt) if self.mode == "kinesthetic" else None
 
     def act(self, observation: Observation) -> tuple[NDArray[np.float32], int]:
         """The action for an observation, and the label of the primitive that is performed."""
         self.observation = observation
-        return next(self._steps)
+        action, label = next(self._steps)
+        if self._outside_hand is not None:
+            self.guidance = self._outside_hand.guide(observation, *self._wanted)
+        return action, label
 
     def pull(self) -> float:
         """The strength of a pull [N]."""
@@ -197,9 +209,7 @@ class ScriptedTeacher:
         along = path / length
         return length * (variation.bow - (variation.bow @ along) * along)
 
-    def _arrived(
-        self, movement: Movement, variation: noise_model.Variation, hands: list[Array], force: Array
-    ) -> bool:
+    def _arrived(self, movement: Movement, variation: noise_model.Variation, hands: list[Array], force: Array) -> bool:
         o, factor = self.observation, variation.threshold
         still = max(round(HAND_STILL / self.dt), 1)
         if movement.hand is not None and (
@@ -218,7 +228,8 @@ class ScriptedTeacher:
         )
 
     def _action(self, position: Array, orientation: Array, force: Array | None = None) -> NDArray[np.float32]:
-        return self.layout.encode(position, orientation, np.zeros(3) if force is None else force, self._goal_hand)
+        self._wanted = position, orientation, np.zeros(3) if force is None else force
+        return self.layout.encode(*self._wanted, self._goal_hand)
 
 
 def minimum_jerk(s: float) -> float:

@@ -258,16 +258,19 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
             self._renderer.close()
             self._renderer = None
 
-    def set_guidance(self, wrench: ArrayLike | None) -> None:
+    def set_guidance(self, guidance: ArrayLike | None) -> None:
         """Let an outside hand guide the arm, as in kinesthetic teaching; None gives the arm back to the controller.
 
-        While it is guided the arm is gravity compensated and ignores the goals of pose and force; the hand still follows
-        its action. The wrench acts on the link above the wrist sensor, which therefore does not feel it (thesis 3.1.2).
+        While it is guided the arm is gravity compensated and ignores the goals of pose and force; the fingers still follow
+        the action. The guidance acts on the link above the wrist sensor, which therefore does not feel it (thesis 3.1.2).
 
         Args:
-            wrench: force [N] and torque [N m] about the tool point, world axes, shape (6,); held until the next call.
+            guidance: a wrench about the tool point (force, torque), world axes, shape (6,); or, for a hand that holds the
+                tool with a human's impedance (`lfd_gym.guidance.Impedance`), its position, quaternion, twist, and a force
+                that it exerts beside, shape (16,). A wrist this light cannot be held by a wrench that is constant over a
+                control step. Stays until the next call or reset.
         """
-        self.robot.guide(None if wrench is None else np.asarray(wrench, dtype=np.float64))
+        self.robot.guide(guidance)
 
     # state
 
