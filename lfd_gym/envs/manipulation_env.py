@@ -1,6 +1,6 @@
 """The base of all tasks: one robot, one controller, one clock; a task adds objects, a predicate and its rewards."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, cast
 
 import gymnasium
@@ -83,6 +83,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     """Length of an episode [s]; the step limit that Gymnasium shows is that of 50 decisions per second."""
     stiffness: ClassVar[float] = 900.0
     """Of the PID that tracks the reference [1/s^2]."""
+    watch: Callable[[], None] | None = None
+    """Called after every physics step, where a task must see each of them."""
     n_hidden: ClassVar[int] = 0
     """Size of the task's own hidden memory, which is part of the state."""
 
@@ -221,11 +223,13 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self.robot.command(action)
         if self._schedule.acts:
             self._perturb()
-        model, data, tick = self.model, self.data, self.robot.tick
+        model, data, tick, watch = self.model, self.data, self.robot.tick, self.watch
         for _ in range(self._n_substeps):
             tick()
             mujoco.mj_step2(model, data)
             mujoco.mj_step1(model, data)
+            if watch is not None:
+                watch()
         self.after_physics()
         observation = self._observe()
         holds = self.succeeded()
