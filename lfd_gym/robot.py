@@ -61,7 +61,7 @@ class Robot:
         s["dt"] = model.opt.timestep
         s["stiffness"], s["damping"], s["integral"] = stiffness, 2.0 * np.sqrt(stiffness), 4.0 * stiffness
         s["integral_limit"], s["lead_limit"] = (4.0, 40.0), (0.03, 0.3)
-        s["force_integral"], s["force_damping"], s["filter"] = 4.0, 20.0, 2.0 * np.pi * 20.0
+        s["force_integral"], s["force_damping"], s["filter"] = 20.0, 20.0, 2.0 * np.pi * 20.0
         s["rest"] = wam.HOME
         s["joint_low"], s["joint_high"] = model.jnt_range[:n].T
         s["joint_speed"], s["joint_brake"] = wam.JOINT_SPEED, 20.0
