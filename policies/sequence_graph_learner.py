@@ -43,9 +43,9 @@ class SequenceGraphLearner(Learner):
         fold: whether repetitions become cycles (2.3.2).
         match: how folded graphs are merged, see `sequence_graph.merge`.
         dwell: the decision for an exit has to last for this many times the shortest rest that was demonstrated before
-            it: what takes a moment to show at a goal is waited for as the demonstrator did. 0: it is followed at once.
+            it: what takes a moment to show is waited for as the demonstrator did. 0: it is followed at once.
         patience: a robot that stands still in a node for longer than this many times the longest stillness demonstrated
-            there, plus `PATIENCE_MARGIN`, takes its best exit: what the decision waits for is out of reach. None: never.
+            there, plus `PATIENCE_MARGIN`, takes its best exit, for it cannot reach what it waits for. None: never.
     """
 
     def __init__(

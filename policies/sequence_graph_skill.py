@@ -12,7 +12,6 @@ from lfd_gym.action import ActionLayout
 from policies.features import (
     CONTROLLED,
     FORCE,
-    HAND,
     HOLD,
     WORLD,
     Measurement,
@@ -163,26 +162,13 @@ class SequenceGraphSkill(Skill):
         return memory._replace(node=np.array(following), anchor=seen, still=zero, chosen=np.array(0), lasted=zero)
 
     def _goal(self, label: int, seen: Array, frames: Array, memory: Memory) -> tuple[Array, Array, Array, Array]:
-        """World goal of position, quaternion and hand, and the force, of a primitive.
-
-        A held coordinate keeps the last goal in the world. Along a force axis the goal is the measured position, so
-        that a primitive that holds this axis next holds it where the pressing ended.
-        """
+        """World goal of position, quaternion and hand, and the force, of a primitive."""
         p, table = self.primitives, self.primitives.table
         at, turned = frames[table.position_frame[label]], frames[table.orientation_frame[label]]
-        modes = table.modes[label]
-        held = task_coordinates(memory.position, memory.quaternion, memory.hand, at, turned, p.mean[label])
-        x = np.where(modes == CONTROLLED, p.goal[label], held)
-        x[HAND] += p.grip[label]
-        if (modes == FORCE).any():
-            now = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, p.mean[label])
-            x = np.where(modes == FORCE, now, x)
-        position, orientation = world_goal(x, at, turned, p.mean[label])
-        if (modes[:3] == HOLD).all():
-            position = memory.position
-        if (modes[3:6] == HOLD).all():
-            orientation = memory.quaternion
-        return position, orientation, x[6:], quaternion.rotate(at[3:], p.force[label])
+        held = memory.position, memory.quaternion, memory.hand
+        return _attractor(
+            seen, *held, at, turned, table.modes[label], p.mean[label], p.goal[label], p.grip[label], p.force[label]
+        )
 
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Graph, primitives and nodes."""
@@ -270,3 +256,34 @@ def _features(
         x = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, mean[k])
         result[j] = goal_distance(x - goal[k], gains[j], sides[j])
     return result
+
+
+@njit(cache=True)
+def _attractor(
+    seen: Array,
+    position: Array,
+    orientation: Array,
+    hand: Array,
+    at: Array,
+    turned: Array,
+    modes: NDArray[np.int64],
+    mean: Array,
+    goal: Array,
+    grip: Array,
+    force: Array,
+) -> tuple[Array, Array, Array, Array]:
+    """World goals and force of a primitive; position, orientation and hand are the goals that were valid before.
+
+    A held coordinate keeps its last goal in the world. Along a force axis the goal is the measured position, so that a
+    primitive that holds this axis next holds it where the pressing ended.
+    """
+    held = task_coordinates(position, orientation, hand, at, turned, mean)
+    now = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, mean)
+    x = np.where(modes == CONTROLLED, goal, np.where(modes == FORCE, now, held))
+    x[6:] += grip
+    new_position, new_orientation = world_goal(x, at, turned, mean)
+    if (modes[:3] == HOLD).all():
+        new_position = position.copy()
+    if (modes[3:6] == HOLD).all():
+        new_orientation = orientation.copy()
+    return new_position, new_orientation, x[6:].copy(), quaternion.rotate(at[3:], force)

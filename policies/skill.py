@@ -67,24 +67,23 @@ class Skill(ABC):
         state has one row per environment (one for unvectorised observations); None starts. Rows are started over where
         episode_start is True. `deterministic` changes nothing: skills are deterministic.
         """
-        vectorised = np.ndim(next(iter(observation.values()))) == 2
-        n = len(next(iter(observation.values()))) if vectorised else 1
+        first = next(iter(observation.values()))
+        if np.ndim(first) == 1:
+            if state is None or (episode_start is not None and np.any(episode_start)):
+                state = self.start(1)
+            action, following = self.decide(observation, tuple(array[0] for array in state))
+            return action, tuple(np.asarray(value)[np.newaxis] for value in following)
+        n = len(first)
         fresh = self.start(n)
-        if state is None:
-            state = fresh
-        elif episode_start is not None:
-            started = np.atleast_1d(episode_start)
-            state = tuple(
-                np.where(started.reshape((n,) + (1,) * (new.ndim - 1)), new, old)
-                for new, old in zip(fresh, state, strict=True)
-            )
-        rows = []
+        state = fresh if state is None else state
+        started = np.zeros(n, dtype=bool) if episode_start is None else np.atleast_1d(episode_start)
+        actions, rows = [], []
         for i in range(n):
-            seen = {name: values[i] for name, values in observation.items()} if vectorised else observation
-            rows.append(self.decide(seen, tuple(array[i] for array in state)))
-        actions = np.stack([action for action, _ in rows])
-        following = tuple(np.stack(arrays) for arrays in zip(*(new for _, new in rows), strict=True))
-        return (actions if vectorised else actions[0]), following
+            seen = {name: values[i] for name, values in observation.items()}
+            action, row = self.decide(seen, tuple(array[i] for array in (fresh if started[i] else state)))
+            actions.append(action)
+            rows.append(row)
+        return np.stack(actions), tuple(np.stack(arrays) for arrays in zip(*rows, strict=True))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the skill to one file, which is there whole or not at all."""

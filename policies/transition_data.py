@@ -3,14 +3,14 @@
 Beside the two rules of `passages.py`, two more keep accidents of a few demonstrations out of the decision:
 
 3. *Events.* An exit at which the world yielded waits for that alone; any other exit waits for the entities that moved
-   and arrived. Copies of the exit's samples, in which the other features take the values they had on the way, say so
-   (virtual samples: the feature selection that 2.5.2 asks for). Otherwise a value that an entity happened to have in
-   three demonstrations would become a condition.
+   and arrived. Copies of the exit's samples say so, in which the other features take the values that they had on the
+   way to this exit (for an event, which may happen anywhere, to any exit). These virtual samples are the feature
+   selection that 2.5.2 asks for: without them a value that an entity happened to have in three demonstrations would
+   become a condition.
 4. *Fewest features.* Distances to the goals of successors depend on the setup. They enter only where a node has several
    exits that the features they wait for cannot tell apart.
 """
 
-from collections.abc import Iterator
 from itertools import combinations
 from typing import NamedTuple
 
@@ -67,37 +67,44 @@ class TransitionData:
             exits = (*exits, END)
         labels = dict.fromkeys([graph.labels[node], *(graph.labels[e] for e in exits if e != END)])
         candidates = [feature for k in labels if k >= 0 for feature in self.library[k]]
-        stay = [f for p in self._through(node) if len(f := self._features(p, candidates)[: self.data.arrival(p)])]
+        way = self._on_the_way(node, candidates)
         go = {e: [self._features(p, candidates)[self.data.arrival(p) :] for p in self._leaving(node, e)] for e in exits}
         go = {e: rows for e, rows in go.items() if rows}
-        waits = self._waits(node, candidates, stay, go)
+        waits = self._waits(node, candidates, way, go)
         used = sorted(set().union(*waits.values()))
-        pool = _evenly(np.concatenate(stay), N_COPIES) if stay else np.empty((0, len(candidates)))
-        blocks = [(STAY, rows[:, used]) for rows in stay]
+        blocks = [(STAY, rows) for passages in way.values() for rows in passages]
         goal_states = {}
-        for exit_, passages in go.items():
-            at_goal = [i for i in waits[exit_] if self._reached(node, exit_, candidates[i])]
-            free = [i for i in used if i not in waits[exit_]]
+        for e, passages in go.items():
+            at_goal = [i for i in waits[e] if self._reached(node, e, candidates[i])]
+            free = [i for i in used if i not in waits[e]]
+            event = any(candidates[i].side != 0.0 for i in waits[e])
+            pool = [rows for to, passages_ in way.items() if event or to == e for rows in passages_]
             for rows in passages:
                 there = rows.copy()
-                there[:, at_goal] = 0.0
-                rows = np.concatenate([rows, there])  # the goal itself is never a trap
-                blocks.append((exits.index(exit_) + 1, _virtual(rows, free, pool)[:, used]))
+                there[:, at_goal] = 0.0  # the goal itself is never a trap
+                blocks.append((exits.index(e) + 1, _virtual(np.concatenate([rows, there]), free, pool)))
             if at_goal:
-                goal_states[exit_] = np.mean([rows[-1] for rows in passages], axis=0)
-                goal_states[exit_][at_goal] = 0.0
-                goal_states[exit_] = goal_states[exit_][used]
-        samples = np.concatenate([rows for _, rows in blocks])
+                goal_states[e] = np.mean([rows[-1] for rows in passages], axis=0)
+                goal_states[e][at_goal] = 0.0
+        samples = np.concatenate([rows for _, rows in blocks])[:, used]
         classes = np.concatenate([np.full(len(rows), c) for c, rows in blocks])
-        weights = np.concatenate([np.full(len(rows), 1.0 / len(rows)) for _, rows in blocks])
-        for c in np.unique(classes):
-            weights[classes == c] /= weights[classes == c].sum()
-        weights *= len(weights) / weights.sum()
-        rests = {e: min((len(rows) - 1 for rows in go.get(e, [])), default=0) for e in exits}
-        return NodeData(tuple(candidates[i] for i in used), exits, samples, classes, weights, rests, goal_states)
+        return NodeData(
+            tuple(candidates[i] for i in used),
+            exits,
+            samples,
+            classes,
+            _weights(classes, [len(rows) for _, rows in blocks]),
+            {e: min((len(rows) - 1 for rows in go.get(e, [])), default=0) for e in exits},
+            {e: state[used] for e, state in goal_states.items()},
+        )
 
-    def _through(self, node: int) -> Iterator[Passage]:
-        return (p for p in self.data.passages if p.node == node)
+    def _on_the_way(self, node: int, features: list[Feature]) -> dict[int, list[Array]]:
+        """Exit -> features of its passages through a node, up to their arrival."""
+        way: dict[int, list[Array]] = {}
+        for p in self.data.passages:
+            if p.node == node and (arrival := self.data.arrival(p)):
+                way.setdefault(p.exit, []).append(self._features(p, features)[:arrival])
+        return way
 
     def _leaving(self, node: int, exit_: int) -> list[Passage]:
         """Passages from a node to an exit; if none was observed (fully connected graph), from anywhere."""
@@ -114,14 +121,17 @@ class TransitionData:
         return own and (feature.name in self.data.arrived(node, exit_))
 
     def _waits(
-        self, node: int, features: list[Feature], stay: list[Array], go: dict[int, list[Array]]
+        self, node: int, features: list[Feature], on_the_way: dict[int, list[Array]], go: dict[int, list[Array]]
     ) -> dict[int, set[int]]:
         """Exit -> indices of the features that it depends on (rules 3 and 4)."""
         everything = set(range(len(features)))
-        if self.kind == "primitive" or node == 0 or not stay:
+        if self.kind == "primitive" or node == 0 or not on_the_way:
             return {exit_: everything for exit_ in go}
         at = {exit_: np.concatenate(rows) for exit_, rows in go.items()}
-        way, k = np.concatenate(stay), self.data.graph.labels[node]
+        way, k = (
+            np.concatenate([rows for passages in on_the_way.values() for rows in passages]),
+            self.data.graph.labels[node],
+        )
         own = [i for i in everything if features[i].primitive == k]
         waits = {}
         for e, rows in at.items():
@@ -139,18 +149,27 @@ class TransitionData:
         return waits
 
 
-def _virtual(rows: Array, free: list[int], pool: Array) -> Array:
-    """Copies of samples in which the free features take every value of the pool (rule 3)."""
-    if not free or not len(pool):
+def _virtual(rows: Array, free: list[int], pool: list[Array]) -> Array:
+    """Copies of samples in which the free features take values of the pool's passages (rule 3)."""
+    if not free or not pool:
         return rows
-    copies = np.repeat(_evenly(rows, N_COPIED), len(pool), axis=0)
-    copies[:, free] = np.tile(pool[:, free], (len(copies) // len(pool), 1))
+    values = _evenly(np.concatenate(pool), N_COPIES)
+    copies = np.repeat(_evenly(rows, N_COPIED), len(values), axis=0)
+    copies[:, free] = np.tile(values[:, free], (len(copies) // len(values), 1))
     return copies
 
 
 def _evenly(rows: Array, n: int) -> Array:
     """At most n rows, evenly spaced."""
     return rows[np.unique(np.linspace(0, len(rows) - 1, n).round().astype(int))]
+
+
+def _weights(classes: NDArray[np.int64], lengths: list[int]) -> Array:
+    """Weights with mean 1: every class the same, and within it every block of the given lengths."""
+    weights = np.repeat(1.0 / np.array(lengths), lengths)
+    for c in np.unique(classes):
+        weights[classes == c] /= weights[classes == c].sum()
+    return weights * len(weights) / weights.sum()
 
 
 def separation(a: Array, b: Array) -> float:

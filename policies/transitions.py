@@ -44,7 +44,7 @@ class KernelDecision(NamedTuple):
     support: Array
     """(S, n) support vectors."""
     gamma: Array
-    """() width of the kernel exp(-gamma |f - s|^2); 0 stands for the linear kernel f s."""
+    """() width of the kernel exp(-gamma |f - s|^2); 0 stands for the linear kernel s f."""
     pairs: NDArray[np.int64]
     """(P, 2) the classes of each pair, in order."""
     weights: Array
@@ -63,6 +63,8 @@ class KernelDecision(NamedTuple):
     def scores(self, features: Array) -> Array:
         """Activation of every class."""
         margins = self.margins(features)
+        if len(margins) == 1:
+            return np.array([margins[0], -margins[0]])
         n_classes = int(self.pairs.max()) + 1
         votes, total = np.zeros(n_classes), np.zeros(n_classes)
         for (a, b), margin in zip(self.pairs, margins, strict=True):
@@ -107,8 +109,13 @@ def fit_support_vectors(
     offsets = estimator.intercept_.copy()
     if n_classes == 2:  # scikit-learn flips the sign of a single pair
         coefficients, offsets = -coefficients, -offsets
-    gamma = np.array(0.0 if kernel == "linear" else estimator._gamma)
-    return estimator, KernelDecision(estimator.support_vectors_, gamma, pairs, coefficients, offsets)
+    if kernel == "linear":  # the weighted sum of support vectors is one vector per pair
+        n_features = features.shape[1]
+        identity, weights = np.eye(n_features), coefficients @ estimator.support_vectors_
+        return estimator, KernelDecision(identity, np.array(0.0), pairs, weights, offsets)
+    return estimator, KernelDecision(
+        estimator.support_vectors_, np.array(estimator._gamma), pairs, coefficients, offsets
+    )
 
 
 def _linear(weights: Array, offsets: Array) -> LinearDecision:

@@ -1,0 +1,229 @@
+"""The sequence graph skill in a world without physics: it learns, generalises, remembers and refuses."""
+
+import dataclasses
+import pickle
+import time
+
+import numpy as np
+import pytest
+from kinematic_world import CARRY, PRIMITIVES, REACH, LidWorld, solve, teach
+
+from lfd_gym.errors import DemonstrationError, LfdGymError, SkillFileError, UnknownNameError
+from policies import LEARNERS, load_skill
+from policies.sequence_graph import global_graph
+from policies.sequence_graph_learner import SequenceGraphLearner
+from policies.sequence_graph_skill import Memory
+
+
+@pytest.fixture(scope="module")
+def taught():
+    return [teach(seed) for seed in (1000, 1001, 1002)]
+
+
+@pytest.fixture(scope="module")
+def skill(taught):
+    return SequenceGraphLearner().fit(taught).skill_
+
+
+def same_skill(a, b) -> bool:
+    (values, arrays), (other_values, other_arrays) = a.to_arrays(), b.to_arrays()
+    return values == other_values and all(np.array_equal(arrays[name], other_arrays[name]) for name in arrays)
+
+
+def changed(demonstration, **fields):
+    return dataclasses.replace(demonstration, **fields)
+
+
+@pytest.mark.parametrize("classifier", ["svm", "lr"])
+def test_skill_learned_from_three_demonstrations_solves_unseen_setups(taught, classifier):
+    skill = SequenceGraphLearner(classifier=classifier).fit(taught).skill_
+    assert sum(solve(skill, seed)[0] for seed in range(5)) >= 4
+
+
+def test_repetitions_follow_the_world_not_the_demonstrations(skill):
+    strokes = {solve(skill, seed)[1].count(2) for seed in (0, 1, 2, 3)}
+    assert len(strokes) >= 2
+
+
+def test_one_demonstration_is_enough_in_a_simple_world():
+    skill = SequenceGraphLearner().fit([teach(1009)]).skill_
+    assert sum(solve(skill, seed)[0] for seed in range(4)) >= 3
+
+
+def test_no_goal_is_a_trap(taught):
+    """Without patience every decision at a goal must be to leave it."""
+    skill = SequenceGraphLearner(patience=None).fit(taught).skill_
+    assert all(solve(skill, seed)[0] for seed in range(2))
+
+
+def test_yielding_world_is_the_only_condition_of_its_exit(skill, taught):
+    twist = next(node for node, label in enumerate(skill.graph.labels) if PRIMITIVES[label].name == "twist")
+    node = skill.nodes[twist]
+    carry = int(np.argmax([skill.graph.labels[t] == CARRY for t in node.targets]))
+    yielded, turned = (node.feature_names.index(name) for name in ("world yielded along z", "orientation"))
+    for angle in np.linspace(0, 1, 11):
+        features = np.zeros(len(node.feature_names))
+        features[turned], features[yielded] = angle, 1.0
+        assert int(np.argmax(node.decision.scores(features))) == carry
+        features[yielded] = 0.0
+        assert int(np.argmax(node.decision.scores(features))) != carry
+
+
+def test_goals_and_forces_are_those_of_the_teacher(skill):
+    reach = skill.primitives.goal[REACH]
+    assert reach[:3] == pytest.approx([0, 0, 0.05], abs=0.012)
+    assert skill.primitives.force[2] == pytest.approx([0, 0, 8.0], abs=0.1)
+    assert (skill.primitives.grip[1, 1:] > 0).all()
+    assert (skill.primitives.grip[REACH] == 0).all()
+
+
+def test_fit_reads_only_what_it_may(taught, skill):
+    blind = [
+        changed(
+            d,
+            actions=np.full_like(d.actions, np.nan),
+            states=np.full_like(d.states, np.nan),
+            setup={},
+            observations={
+                name: np.full_like(rows, np.nan) if name.startswith("reference_") else rows
+                for name, rows in d.observations.items()
+            },
+        )
+        for d in taught
+    ]
+    assert same_skill(SequenceGraphLearner().fit(blind).skill_, skill)
+
+
+def test_fit_is_repeatable_and_returns_the_learner(taught, skill):
+    learner = SequenceGraphLearner()
+    assert learner.fit(taught) is learner
+    assert same_skill(learner.fit(taught).skill_, skill)
+    assert SequenceGraphLearner(**learner.get_params()).get_params() == learner.get_params()
+
+
+def test_turned_and_moved_scene_is_solved_by_the_same_actions_in_its_frame(skill):
+    """The skill sees the lid only through its frame: a lid elsewhere changes where, not what."""
+    world = LidWorld()
+    for seed in range(3):
+        observation = world.reset(seed)
+        _, state = skill.predict(observation)
+        goal = Memory(*state).position[0]
+        assert goal - world.lid[:3] == pytest.approx(skill.primitives.goal[REACH, :3])
+
+
+def test_held_entities_keep_their_last_goal_and_released_force_axes_the_measured_place(skill):
+    observation = LidWorld().reset(0)
+    observation = {name: value for name, value in observation.items() if not name.startswith("reference_")}
+    twist = next(node for node, label in enumerate(skill.graph.labels) if label == 2)
+    state = skill.start(1)
+    _, state = skill.predict(observation, state)
+    memory = Memory(*state)._replace(node=np.array([twist]))
+    observation["tool_position"] = observation["frame_lid"][:3] + np.array([0.0, 0.0, 0.053])
+    _, after = skill.predict(observation, tuple(memory))
+    assert Memory(*after).position[0, 2] == pytest.approx(observation["tool_position"][2])
+    hold = next(node for node, label in enumerate(skill.graph.labels) if PRIMITIVES[label].name == "turn back")
+    _, held = skill.predict(observation, tuple(Memory(*after)._replace(node=np.array([hold]))))
+    assert Memory(*held).position == pytest.approx(Memory(*after).position)
+
+
+def test_vectorised_prediction_equals_single_predictions(skill):
+    worlds = [LidWorld() for _ in range(3)]
+    seen = [world.reset(seed) for seed, world in enumerate(worlds)]
+    single, batch = [None] * 3, None
+    for step in range(60):
+        start = np.array([step == 0, step == 30, step == 0])
+        stacked = {name: np.stack([o[name] for o in seen]) for name in seen[0]}
+        actions, batch = skill.predict(stacked, batch, start)
+        assert actions.shape == (3, 13)
+        for i, world in enumerate(worlds):
+            action, single[i] = skill.predict(seen[i], single[i], start[i : i + 1])
+            assert np.array_equal(action, actions[i])
+            seen[i] = world.step(action)
+    assert [len(array) for array in batch] == [3] * len(batch)
+    assert skill.active(batch).shape == (3,)
+
+
+def test_skill_survives_its_file_and_pickling(skill, tmp_path):
+    skill.save(tmp_path / "skill")
+    skill.save(tmp_path / "again")
+    assert (tmp_path / "skill").read_bytes() == (tmp_path / "again").read_bytes()
+    for other in (load_skill(tmp_path / "skill"), pickle.loads(pickle.dumps(skill))):
+        assert same_skill(skill, other)
+        assert (other.env_id, other.taught_seeds, other.metadata) == (skill.env_id, skill.taught_seeds, skill.metadata)
+        assert solve(other, 1) == solve(skill, 1)
+
+
+def test_damaged_and_foreign_files_are_refused(skill, tmp_path):
+    with pytest.raises(SkillFileError, match="no skill at"):
+        load_skill(tmp_path / "missing")
+    skill.save(tmp_path / "skill")
+    whole = (tmp_path / "skill").read_bytes()
+    (tmp_path / "cut").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text").write_text("not a skill")
+    np.savez(tmp_path / "other.npz", header=np.array('{"schema": "other"}'))
+    np.savez(tmp_path / "pickled.npz", header=np.array([{}], dtype=object))
+    for name in ("cut", "text", "other.npz", "pickled.npz"):
+        with pytest.raises(SkillFileError) as error:
+            load_skill(tmp_path / name)
+        assert "\n" not in str(error.value)
+
+
+def test_demonstrations_that_cannot_be_learned_from_are_refused_in_one_line(taught):
+    first = taught[0]
+    constant, gap = np.zeros_like(first.labels), first.labels.copy()
+    gap[5] = -1
+    observations = dict(first.observations)
+    nan = {**observations, "tool_position": np.full_like(observations["tool_position"], np.nan)}
+    del observations["frame_bin"]
+    for bad, message in [
+        ([], "missing"),
+        ([first, changed(taught[1], env_id="test/Other-v0")], "2 environments"),
+        ([first, changed(taught[1], dt=0.1)], "time step"),
+        ([first, changed(taught[1], action_layout={**first.action_layout, "alpha": 1.0})], "action layout"),
+        ([first, changed(taught[1], labels=np.zeros_like(taught[1].labels))], "demonstration 1 shows no transition"),
+        ([changed(first, labels=constant)], "'reach' is its only primitive"),
+        ([changed(first, labels=gap)], "without a label, the first is step 5"),
+        ([changed(first, observations=observations)], "frame 'bin'"),
+        ([changed(first, observations=nan)], "not finite"),
+    ]:
+        with pytest.raises(DemonstrationError, match=message) as error:
+            SequenceGraphLearner().fit(bad)
+        assert "\n" not in str(error.value)
+
+
+def test_impossible_arguments_are_refused_with_what_is_possible(taught):
+    with pytest.raises(UnknownNameError, match="possible: global, local, fully-connected"):
+        SequenceGraphLearner(graph="globl").fit(taught)
+    for settings in ({"C": 0.0}, {"dwell": -1.0}, {"patience": -1.0}):
+        with pytest.raises(LfdGymError):
+            SequenceGraphLearner(**settings).fit(taught)
+
+
+@pytest.mark.parametrize("graph", ["local", "fully-connected"])
+@pytest.mark.parametrize("feature", ["entity", "primitive"])
+def test_every_graph_and_feature_gives_a_skill(taught, graph, feature):
+    skill = SequenceGraphLearner(graph=graph, feature=feature).fit(taught).skill_
+    assert np.isfinite(skill.predict(LidWorld().reset(0))[0]).all()
+
+
+def test_folding_can_be_switched_off(taught):
+    labels = [d.labels for d in taught]
+    skill = SequenceGraphLearner(fold=False).fit(taught).skill_
+    assert skill.graph == global_graph(labels, fold_repetitions=False)
+    assert skill.graph.n_nodes > SequenceGraphLearner().fit(taught).skill_.graph.n_nodes
+
+
+def test_registry_names_the_learner():
+    assert LEARNERS["sequence-graph"].endswith(":SequenceGraphLearner")
+
+
+def test_prediction_is_fast(skill):
+    observation = LidWorld().reset(0)
+    _, state = skill.predict(observation)
+    fastest = np.inf
+    for _ in range(10):
+        begin = time.process_time()
+        for _ in range(100):
+            skill.predict(observation, state)
+        fastest = min(fastest, (time.process_time() - begin) / 100)
+    assert fastest < 200e-6
