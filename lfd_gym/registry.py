@@ -38,13 +38,27 @@ ENVIRONMENTS: dict[str, EnvironmentEntry] = {
 
 
 def register() -> None:
-    """Tell Gymnasium about every environment; calling it twice changes nothing.
+    """Tell Gymnasium about every environment and its dense variant; calling it twice changes nothing.
 
     The environments end an episode themselves, since their limits are in seconds and not in steps.
     """
     for env_id, entry in ENVIRONMENTS.items():
         if env_id not in gymnasium.registry:
+            dense = {**entry.kwargs, "reward_type": "dense"}
             gymnasium.register(id=env_id, entry_point=entry.entry_point, kwargs=dict(entry.kwargs))
+            gymnasium.register(id=dense_id(env_id), entry_point=entry.entry_point, kwargs=dense)
+
+
+def dense_id(env_id: str) -> str:
+    """The same task with the dense reward: "lfd_gym/LightBulb-v0" has "lfd_gym/LightBulbDense-v0"."""
+    task, _, version = env_id.rpartition("-")
+    return f"{task}Dense-{version}"
+
+
+def task_id(env_id: str) -> str:
+    """The row of `ENVIRONMENTS` that an id or its dense variant belongs to."""
+    task, _, version = env_id.rpartition("-")
+    return f"{task.removesuffix('Dense')}-{version}"
 
 
 def kebab_case(env_id: str) -> str:
@@ -61,9 +75,10 @@ def environment_id(name: str) -> str:
     if name in ENVIRONMENTS or name in gymnasium.registry or ":" in name:
         return name
     short = {kebab_case(env_id): env_id for env_id in ENVIRONMENTS}
-    if name not in short:
+    dense = {kebab_case(dense_id(env_id)): dense_id(env_id) for env_id in ENVIRONMENTS}
+    if name not in short | dense:
         raise UnknownNameError("environment", name, short)
-    return short[name]
+    return (short | dense)[name]
 
 
 def make(name: str, **kwargs: Any) -> gymnasium.Env:
@@ -72,9 +87,9 @@ def make(name: str, **kwargs: Any) -> gymnasium.Env:
     Raises UnknownNameError for an unknown environment and InvalidArgumentError for an argument it does not take.
     """
     env_id = environment_id(name)
-    if env_id in ENVIRONMENTS:
+    if task_id(env_id) in ENVIRONMENTS:
         register()
-        entry = ENVIRONMENTS[env_id]
+        entry = ENVIRONMENTS[task_id(env_id)]
         check_arguments(load(entry.entry_point), kwargs, f"environment '{kebab_case(env_id)}'")
     try:
         return gymnasium.make(env_id, **kwargs)
@@ -103,9 +118,13 @@ def look_up(registry: Mapping[str, str], kind: str, name: str) -> Any:
 
 
 def arguments(constructor: Any) -> dict[str, inspect.Parameter]:
-    """The named arguments that a constructor takes."""
+    """The named arguments that a constructor takes; those of its base class too where it passes on all others."""
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    return {n: p for n, p in inspect.signature(constructor).parameters.items() if p.kind in kinds}
+    parameters = inspect.signature(constructor).parameters
+    own = {n: p for n, p in parameters.items() if p.kind in kinds}
+    if inspect.isclass(constructor) and any(p.kind == p.VAR_KEYWORD for p in parameters.values()):
+        return own | arguments(constructor.__base__)
+    return own
 
 
 def check_arguments(constructor: Any, given: Mapping[str, Any], owner: str) -> None:

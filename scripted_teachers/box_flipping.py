@@ -7,7 +7,16 @@ import numpy as np
 from lfd_gym import quaternion
 from lfd_gym.demonstration import EntityControl, Primitive
 from lfd_gym.errors import InvalidArgumentError
-from scripted_teachers.teacher import HOLD, POSITION, Array, Movement, Observation, ScriptedTeacher, primitive
+from scripted_teachers.teacher import (
+    HOLD,
+    POSITION,
+    Array,
+    Movement,
+    Observation,
+    ScriptedTeacher,
+    minimum_jerk,
+    primitive,
+)
 
 HAND = np.array([0.6, 0.6, 0.6, 2.44])
 """Two fingers spread by 17 cm, their outer links upright, the third tucked."""
@@ -31,7 +40,7 @@ class BoxFlippingTeacher(ScriptedTeacher):
     force points to the edge, from wherever the fingers are, and the position runs along the arc.
 
     Args:
-        noise: see `ScriptedTeacher`.
+        noise, mode: see `ScriptedTeacher`.
         press: force of the flip [N]; None draws a human's.
 
     Raises:
@@ -55,8 +64,8 @@ class BoxFlippingTeacher(ScriptedTeacher):
         ),
     )
 
-    def __init__(self, noise: float = 1.0, press: float | None = None) -> None:
-        super().__init__(noise)
+    def __init__(self, noise: float = 1.0, mode: str = "commanded", press: float | None = None) -> None:
+        super().__init__(noise, mode)
         if press is not None and not 0.0 < press <= MAX_PRESS:
             raise InvalidArgumentError(f"press {press} N; possible: above 0, up to {MAX_PRESS:g}")
         self.press = press
@@ -68,10 +77,10 @@ class BoxFlippingTeacher(ScriptedTeacher):
         press = self.pull() if self.press is None else self.press
         _, first, along = _cylindrical(self.observation)
 
-        def flip(observation: Observation, s: float) -> tuple[Array, Array]:
+        def flip(observation: Observation, progress: float) -> tuple[Array, Array]:
             axes, origin = _edge(observation)
             radius, angle, _ = _cylindrical(observation)
-            wanted = first + s * (LAST_ANGLE - first)
+            wanted = first + minimum_jerk(progress) * (LAST_ANGLE - first)
             goal = origin + axes @ np.array([radius * np.cos(wanted), radius * np.sin(wanted), along])
             return goal, -press * (axes @ np.array([np.cos(angle), np.sin(angle), 0.0]))
 
