@@ -245,12 +245,12 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _teacher(env_id: str, noise: float, mode: str = "commanded") -> Any:
-    from lfd_gym.registry import look_up
+    from lfd_gym.registry import look_up, task_id
     from scripted_teachers import TEACHERS
 
     if not (math.isfinite(noise) and noise >= 0.0):
         raise InvalidArgumentError(f"the noise is {noise:g}; it must be 0 or more (0 clean, 1 a human's)")
-    return look_up(TEACHERS, "teacher for", env_id)(noise=noise, mode=mode)
+    return look_up(TEACHERS, "teacher for", task_id(env_id))(noise=noise, mode=mode)
 
 
 def _learner(method: str, settings: dict[str, Any]) -> Any:

@@ -60,6 +60,8 @@ class BoxFlippingEnv(ManipulationEnv):
     movable = ("box",)
     subtasks = ("at_obstacle", "tilted", "flipped")
     time_limit = 30.0
+    controls = ("x", "y", "z", "yaw", "press")
+    hand_open = (0.6, 0.6, 0.6, 2.44)
     layout = ActionLayout(
         workspace_low=np.array([0.36, -0.40, 0.02]),
         workspace_high=np.array([0.80, 0.18, 0.40]),
@@ -73,6 +75,15 @@ class BoxFlippingEnv(ManipulationEnv):
         speed_limit=0.5,
         turn_limit=1.8,
     )
+
+    @staticmethod
+    def press_direction(observation: Mapping[str, Array]) -> Array:
+        """From the tool towards the edge."""
+        pose = observation["frame_obstacle_edge"]
+        away = observation["tool_position"] - pose[:3]
+        edge = quaternion.rotate(pose[3:], np.array([0.0, 0.0, 1.0]))
+        away = away - (away @ edge) * edge
+        return -away / max(float(np.linalg.norm(away)), 1e-9)
 
     def build(self) -> None:
         """Find box and edge; register the box's mass and friction."""

@@ -48,6 +48,9 @@ class LightBulbEnv(ManipulationEnv):
     movable = ("bulb",)
     subtasks = ("grasped", "loose", "lifted", "in_box")
     time_limit = 90.0
+    controls = ("x", "y", "z", "yaw", "grip", "press")
+    hand_open = (math.radians(60.0), 0.0, 0.0, 0.0)
+    hand_closed = (math.radians(60.0), 2.0, 2.0, 2.0)
     n_hidden = 1
     layout = ActionLayout(
         workspace_low=np.array([0.43, -0.35, 0.03]),

@@ -85,6 +85,11 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     """Of the PID that tracks the reference [1/s^2]."""
     watch: Callable[[], None] | None = None
     """Called after every physics step, where a task must see each of them."""
+    controls: ClassVar[tuple[str, ...]] = ("x", "y", "z", "yaw", "grip")
+    """Dimensions that the task needs, for the RL view (`lfd_gym.wrappers.RLView`)."""
+    hand_open: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.0)
+    hand_closed: ClassVar[tuple[float, ...]] = (0.0, 2.0, 2.0, 2.0)
+    """Ends of the RL view's `grip` [rad]."""
     n_hidden: ClassVar[int] = 0
     """Size of the task's own hidden memory, which is part of the state."""
 
@@ -183,6 +188,11 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
     def subtask_flags(self) -> tuple[bool, ...]:
         """One flag for each name of `subtasks`."""
         raise NotImplementedError
+
+    @staticmethod
+    def press_direction(observation: Mapping[str, Array]) -> Array:
+        """World direction (3,) of the RL view's `press`, from what is observed; upwards by default."""
+        return np.array([0.0, 0.0, 1.0])
 
     # Gymnasium
 

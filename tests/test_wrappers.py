@@ -1,0 +1,77 @@
+"""The RL view: one design for every task, from observations alone, in which finishing pays."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from lfd_gym.errors import InvalidActionError, InvalidArgumentError
+from lfd_gym.registry import ENVIRONMENTS, dense_id, look_up, make
+from lfd_gym.rollout import TeacherPolicy, rollout
+from lfd_gym.wrappers import RLView, SeededEpisodes
+from scripted_teachers import TEACHERS
+
+
+def view(env_id: str, **kwargs: object) -> RLView:
+    return RLView(make(env_id, terminate_on_success=False, **kwargs))
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_view_passes_the_peers_checkers(env_id: str) -> None:
+    env = view(env_id)
+    check_env(env, skip_render_check=True)
+    sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="the rl extra is not installed")
+    sb3.check_env(env)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_no_motion_is_asked_for_by_a_zero_decision(env_id: str) -> None:
+    env = view(env_id)
+    env.reset(seed=100000)
+    start = env.unwrapped.data.site(f"{env.unwrapped.tool}/tool").xpos.copy()
+    action = np.zeros(env.action_space.shape)
+    if "grip" in env.controls:
+        action[env.controls.index("grip")] = -1.0
+    for _ in range(10):
+        env.step(action)
+    assert np.linalg.norm(env.unwrapped.data.site(f"{env.unwrapped.tool}/tool").xpos - start) < 2e-3
+
+
+def test_a_decision_lasts_a_tenth_of_a_second_whatever_the_control_rate() -> None:
+    for control_hz in (50, 100, 10):
+        env = view("move-object", control_hz=control_hz)
+        env.reset(seed=100000)
+        before = env.unwrapped.data.time
+        env.step(np.zeros(env.action_space.shape))
+        assert env.unwrapped.data.time - before == pytest.approx(0.1)
+
+
+def test_view_refuses_an_environment_that_ends_on_success_and_bad_actions() -> None:
+    with pytest.raises(InvalidArgumentError, match="terminate_on_success=False"):
+        RLView(make("move-object"))
+    env = view("move-object")
+    env.reset(seed=100000)
+    for action in (np.zeros(3), np.full(5, np.nan)):
+        with pytest.raises(InvalidActionError, match="5 finite numbers: x, y, z, yaw, grip"):
+            env.step(action)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_finishing_pays_more_than_stopping_shortly_before(env_id: str) -> None:
+    """The clean teacher's dense return over the whole time beats that of stopping at 95 % of its way."""
+    env = make(dense_id(env_id), terminate_on_success=False)
+    teacher = look_up(TEACHERS, "teacher for", env_id)(noise=0.0)
+    steps = list(rollout(env, TeacherPolicy(teacher), 100000))
+    finished = next(k for k, step in enumerate(steps) if step.info["is_success"])
+    stop = int(0.95 * finished)
+    whole = sum(step.reward for step in steps)
+    stopped = sum(step.reward for step in steps[:stop]) + (len(steps) - stop) * steps[stop].reward
+    assert whole > stopped + 0.01 * len(steps)
+
+
+def test_episodes_have_the_seeds_that_evaluate_uses() -> None:
+    env = SeededEpisodes(make("move-object"), 100000)
+    first, second = env.reset()[0], env.reset()[0]
+    plain = gymnasium.make("lfd_gym/MoveObject-v0")
+    assert np.array_equal(first["frame_object"], plain.reset(seed=100000)[0]["frame_object"])
+    assert np.array_equal(second["frame_object"], plain.reset(seed=100001)[0]["frame_object"])
