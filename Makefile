@@ -5,13 +5,16 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 THREADS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1
 
-.PHONY: demo test lint bench mutants clean
+.PHONY: demo test test-slow lint bench mutants clean
 
 demo: $(VENV)/installed
 	$(BIN)/lfd-gym demo --out report
 
 test: $(VENV)/installed-dev
-	$(THREADS) $(BIN)/python -m pytest -n 2
+	$(THREADS) $(BIN)/python -m pytest -n 2 -m "not slow"
+
+test-slow: $(VENV)/installed-dev
+	$(THREADS) $(BIN)/python -m pytest -n 2 -m slow
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

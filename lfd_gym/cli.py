@@ -184,24 +184,30 @@ def evaluate(
 def render(
     skill: SkillArgument,
     env: EnvArgument,
-    out: Annotated[Path, typer.Option(help="Video to write (.mp4).")],
+    out: Annotated[Path, typer.Option(help="Video (.mp4) or picture (.png) to write.")],
     seed: SeedOption = 100000,
     noise: NoiseOption = 1.0,
     mode: ModeOption = "commanded",
+    at: Annotated[float, typer.Option(help="Time of the picture [s].")] = 8.0,
     settings: SetOption = None,
 ) -> None:
-    """Film one episode."""
+    """Film one episode, or take a picture in it."""
     from lfd_gym import rendering
     from lfd_gym.registry import environment_id, make
 
     env_id = environment_id(env)
     policy = _policy(skill, env_id, noise, mode)
     rendering.prepare()
-    world = make(env_id, render_mode="rgb_array", **parse_settings(settings))
     path = rendering.video_path(out)
-    count = rendering.write_video(path, rendering.frames(world, policy, seed))
+    chosen = {"width": 960, "height": 720} if path.suffix == ".png" else {}
+    world = make(env_id, render_mode="rgb_array", **(chosen | parse_settings(settings)))
+    if path.suffix == ".png":
+        rendering.write_picture(path, world, policy, seed, at)
+        print(f"written to {path}")
+    else:
+        count = rendering.write_video(path, rendering.frames(world, policy, seed))
+        print(f"{count / rendering.FRAMES_PER_SECOND:.1f} s at {rendering.SPEED_UP} times the speed, written to {path}")
     world.close()
-    print(f"{count / rendering.FRAMES_PER_SECOND:.1f} s at {rendering.SPEED_UP} times the speed, written to {path}")
 
 
 @app.command()

@@ -153,6 +153,17 @@ def frames(env: Any, policy: Policy, seed: int) -> Iterator[np.ndarray]:
             yield env.render()
 
 
+def write_picture(path: str | os.PathLike[str], env: Any, policy: Policy, seed: int, time: float) -> None:
+    """Write a picture of one episode after `time` seconds, or of its end if that comes first."""
+    from matplotlib.image import imsave
+
+    for i, _ in enumerate(rollout(env, policy, seed), start=1):
+        if i * env.unwrapped.dt >= time:
+            break
+    with written_whole(path) as temporary:
+        imsave(temporary, env.render())
+
+
 def write_video(path: str | os.PathLike[str], pictures: Iterable[np.ndarray]) -> int:
     """Write pictures as one H.264 video, whole or not at all; returns how many there were."""
     import imageio_ffmpeg
