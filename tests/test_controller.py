@@ -146,7 +146,7 @@ def test_gravity_compensation_alone_holds_the_arm() -> None:
     assert np.linalg.norm(frictionless.position - start) < 1e-3
 
 
-@pytest.mark.parametrize("posture", [wam.HOME, wam.HOME + [0.8, 0.3, -0.4, -0.5, 0.6, 0.3, -0.9]])
+@pytest.mark.parametrize("posture", [wam.HOME, wam.HOME + np.array([0.8, 0.3, -0.4, -0.5, 0.6, 0.3, -0.9])])
 def test_a_pose_is_held_for_10_s_within_a_millimetre(posture: Array) -> None:
     bare = BareRobot(hand_spec())
     bare.stand(posture)
@@ -204,7 +204,7 @@ def test_a_turn_follows_the_attractor() -> None:
 def test_the_reference_is_the_closed_form_of_the_attractor() -> None:
     bare = BareRobot(hand_spec(), layout=FAST)
     start = bare.position
-    goal = start + [-0.05, 0.1, 0.05]
+    goal = start + np.array([-0.05, 0.1, 0.05])
     bare.command(position=goal)
     for time in bare.steps(1.5):
         wanted = attractor.response(np.array(time), start, goal, FAST.alpha)

@@ -4,12 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 from bare_robot import LAYOUT, BareRobot, pen_spec
-from lfd_gym import contact, quaternion, wam
 from scipy.spatial.transform import Rotation
+
+from lfd_gym import contact, quaternion, wam
 
 TOP = 0.10
 """Height of the surfaces [m]."""
-CENTRE = np.array([0.60, 0.0, TOP])
+CENTRE, UP = np.array([0.60, 0.0, TOP]), np.array([0.0, 0.0, 1.0])
 
 
 def over_plane(tilt: float = 0.0) -> BareRobot:
@@ -24,6 +25,11 @@ def over_plane(tilt: float = 0.0) -> BareRobot:
         quat=[np.cos(a / 2), 0, np.sin(a / 2), 0],
     )
     return BareRobot(spec, "pen")
+
+
+def above(height: float) -> np.ndarray:
+    """The point at a height over the middle of the plate [m]."""
+    return CENTRE + height * UP
 
 
 def start_over(bare: BareRobot, position: np.ndarray) -> None:
@@ -131,9 +137,9 @@ def test_a_force_is_regulated_along_a_turning_axis() -> None:
 
 def test_before_contact_the_tool_approaches_at_3_cm_per_second_whatever_the_goal_says() -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.10])
+    start_over(bare, above(0.10))
     # the goal lies above the tool
-    bare.command(position=CENTRE + [0, 0, 0.20], force=[0.0, 0.0, -8.0])
+    bare.command(position=above(0.20), force=[0.0, 0.0, -8.0])
     heights = [bare.position[2] for _ in bare.steps(2.0)]
     assert bare.memory["mode"] == contact.APPROACH
     speed = -np.gradient(heights, bare.model.opt.timestep)
@@ -146,7 +152,7 @@ def test_before_contact_the_tool_approaches_at_3_cm_per_second_whatever_the_goal
 @pytest.mark.parametrize("newtons", [5.0, 10.0, 15.0])
 def test_the_first_touch_does_not_overshoot_far(newtons: float) -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.03])
+    start_over(bare, above(0.03))
     bare.command(force=[0.0, 0.0, -newtons])
     bare.wrench()
     peak = max(bare.wrench()[2] for _ in bare.steps(3.0))
@@ -156,7 +162,7 @@ def test_the_first_touch_does_not_overshoot_far(newtons: float) -> None:
 
 def test_a_guarded_touch_does_not_sink_in() -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.02])
+    start_over(bare, above(0.02))
     bare.command(force=[0.0, 0.0, -10.0])
     lowest = min(bare.position[2] for _ in bare.steps(3.0))
     assert lowest > TOP - 0.004
@@ -164,8 +170,8 @@ def test_a_guarded_touch_does_not_sink_in() -> None:
 
 def test_in_contact_the_reference_follows_the_tool() -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.01])
-    bare.command(position=CENTRE + [0, 0, 0.30], force=[0.0, 0.0, -8.0])
+    start_over(bare, above(0.01))
+    bare.command(position=above(0.30), force=[0.0, 0.0, -8.0])
     bare.run(2.0)
     assert bare.memory["mode"] == contact.CONTACT
     assert bare.memory["position"][2] == pytest.approx(bare.position[2], abs=1e-3)
@@ -173,10 +179,10 @@ def test_in_contact_the_reference_follows_the_tool() -> None:
 
 def test_when_the_force_ends_the_reference_resumes_from_where_the_tool_is() -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.02])
-    bare.command(position=CENTRE + [0, 0, -0.02], force=[0.0, 0.0, -10.0])
+    start_over(bare, above(0.02))
+    bare.command(position=above(-0.02), force=[0.0, 0.0, -10.0])
     bare.run(2.0)
-    bare.command(position=bare.position + [0, 0, 0.05], force=[0.0, 0.0, 0.0])
+    bare.command(position=bare.position + UP * 0.05, force=[0.0, 0.0, 0.0])
     before = bare.position
     speeds, lowest = [], before[2]
     for _ in bare.steps(2.0):
@@ -191,7 +197,7 @@ def test_when_the_force_ends_the_reference_resumes_from_where_the_tool_is() -> N
 
 def test_a_force_that_turns_by_more_than_30_degrees_in_one_step_is_approached_anew() -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.02])
+    start_over(bare, above(0.02))
     bare.command(force=[0.0, 0.0, -8.0])
     bare.run(2.0)
     assert bare.memory["mode"] == contact.CONTACT
@@ -208,7 +214,7 @@ def test_a_tool_that_breaks_loose_is_seen_to_move() -> None:
     lid.add_joint(name="lid", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], frictionloss=100.0, range=[-0.08, 0])
     lid.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.005], pos=[0, 0, -0.005], mass=0.2)
     bare = BareRobot(spec, "pen")
-    start_over(bare, CENTRE + [0, 0, 0.02])
+    start_over(bare, above(0.02))
     bare.command(force=[0.0, 0.0, -10.0])
     bare.run(2.0)
     assert bare.memory["mode"] == contact.CONTACT
@@ -221,7 +227,7 @@ def test_a_tool_that_breaks_loose_is_seen_to_move() -> None:
 
 def test_pressed_tools_keep_their_orientation() -> None:
     bare = over_plane()
-    start_over(bare, CENTRE + [0, 0, 0.02])
+    start_over(bare, above(0.02))
     bare.command(force=[0.0, 0.0, -15.0])
     bare.run(3.0)
     relative = quaternion.multiply(bare.quaternion, quaternion.conjugate(wam.TOOL_DOWN))

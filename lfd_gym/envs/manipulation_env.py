@@ -7,6 +7,7 @@ import gymnasium
 import mujoco
 import numpy as np
 from gymnasium.spaces import Box, Dict
+from gymnasium.utils import EzPickle
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
@@ -27,7 +28,7 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _FRAME_LOW, _FRAME_HIGH = np.array([-5.0] * 3 + [-1.0] * 4), np.array([5.0] * 3 + [1.0] * 4)
 
 
-class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
+class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPickle):
     """A WAM with a tool over a table; subclasses declare the task.
 
     **Action**: `Box(-1, 1)`, the effective attractor goal, see `lfd_gym.action`.
@@ -105,6 +106,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         height: int = 480,
         camera: str = "overview",
     ) -> None:
+        given = (reward_type, control_hz, terminate_on_success, fingertip_friction, perturbation, render_mode)
+        EzPickle.__init__(self, *given, width, height, camera)
         if reward_type not in REWARD_TYPES:
             raise InvalidArgumentError(f"reward_type '{reward_type}'; possible: {', '.join(REWARD_TYPES)}")
         if not isinstance(control_hz, int | float) or not control_hz > 0 or PHYSICS_HZ % control_hz:
@@ -142,9 +145,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
         self._held = 0.0
         self._setup: dict[str, Any] = {}
-        self._nominal: list[Array] | None = None
         self._build_spaces()
         self.build()
+        self._nominal = [view.copy() for view in self._randomised]
         self._renderer: Any = None
 
     # what a task provides
@@ -350,8 +353,6 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]]):
         return rng.uniform(max(middle - half, 0.1 * low), middle + half, size)
 
     def _restore_nominal(self) -> None:
-        if self._nominal is None:
-            self._nominal = [view.copy() for view in self._randomised]
         for view, values in zip(self._randomised, self._nominal, strict=True):
             view[...] = values
 

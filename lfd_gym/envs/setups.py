@@ -36,6 +36,9 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
         unknown = set(pose) - set(fresh[name]) if isinstance(pose, Mapping) else {repr(pose)}
         if unknown:
             raise InvalidSetupError(f"'{sorted(unknown)[0]}' of '{name}'; possible: {', '.join(fresh[name])}")
+        for key, value in pose.items():
+            if isinstance(fresh[name][key], float) and not _is_finite(value):
+                raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a finite number")
     for _ in range(ATTEMPTS):
         setup = {name: {**pose, **wanted.get(name, {})} for name, pose in fresh.items()}
         try:
@@ -69,6 +72,10 @@ def in_range(what: str, value: Any, low: float, high: float) -> None:
     """Raise InvalidSetupError where a number lies outside its range."""
     if not isinstance(value, int | float) or not low - 1e-9 <= value <= high + 1e-9:
         raise InvalidSetupError(f"{what} is {value!r}; possible: {low:.4g} to {high:.4g}")
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,531 @@
+"""What every environment of the registry keeps: a new row inherits these tests."""
+
+import copy
+import json
+import math
+import pickle
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from lfd_gym import quaternion, wam
+from lfd_gym.errors import InvalidActionError, InvalidArgumentError, InvalidSetupError
+from lfd_gym.registry import ENVIRONMENTS, load
+
+ROOT = Path(__file__).parent.parent
+IDS = tuple(ENVIRONMENTS)
+Observation = dict[str, np.ndarray]
+
+
+def make(env_id: str, **kwargs: Any) -> Any:
+    """The environment without wrappers."""
+    return gymnasium.make(env_id, **kwargs).unwrapped
+
+
+@pytest.fixture(scope="module", params=IDS)
+def env(request: pytest.FixtureRequest) -> Any:
+    return make(request.param)
+
+
+def actions(env: Any, n: int, seed: int = 0) -> np.ndarray:
+    """Random goals (n, A), each kept for a fifth of a second."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-1, 1, (-(-n // 10), env.action_space.shape[0])), 10, axis=0)[:n].astype(np.float32)
+
+
+def assert_equal(a: Observation, b: Observation) -> None:
+    """Bitwise."""
+    assert set(a) == set(b)
+    for key in a:
+        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
+
+
+def trajectory(env: Any, commands: np.ndarray) -> np.ndarray:
+    """All observations along some actions, flat."""
+    return np.concatenate([value for a in commands for value in env.step(a)[0].values()])
+
+
+# the programming interface
+
+
+def test_gymnasiums_checker_is_content(env: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*not within the observation space.*", category=DeprecationWarning)
+        check_env(gymnasium.make(env.spec.id).unwrapped, skip_render_check=True)
+
+
+def test_stable_baselines_checker_is_content(env: Any) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(make(env.spec.id), warn=True, skip_render_check=True)
+
+
+def test_gymnasiums_checker_of_mujoco_resets_is_content(env: Any) -> None:
+    utils = pytest.importorskip("gymnasium.envs.mujoco.utils", reason="needs imageio", exc_type=ImportError)
+    utils.check_mujoco_reset_state(make(env.spec.id), seed=3)
+
+
+def test_observations_lie_in_their_space_under_any_action(env: Any) -> None:
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    for action in actions(env, 300):
+        observation, reward, _, _, info = env.step(action)
+        assert env.observation_space.contains(observation)
+        assert all(np.isfinite(value).all() for value in observation.values())
+        assert 0.0 <= reward <= 1.0
+        assert not info["broken"]
+
+
+def test_the_info_has_the_same_keys_and_types_always(env: Any) -> None:
+    _, first = env.reset(seed=1)
+    assert {"is_success", "success"} <= set(first)
+    assert [f"subtask/{name}" for name in env.subtasks] == [key for key in first if key.startswith("subtask/")]
+    for action in actions(env, 30):
+        info = env.step(action)[-1]
+        assert {key: type(value) for key, value in info.items()} == {key: type(value) for key, value in first.items()}
+        assert info["success"] == info["is_success"]
+
+
+def test_quaternions_have_a_sign_and_unit_length(env: Any) -> None:
+    observation, _ = env.reset(seed=2)
+    for action in actions(env, 100):
+        for name in env.frames:
+            pose = observation[f"frame_{name}"]
+            assert pose[3] >= 0.0
+            assert np.linalg.norm(pose[3:]) == pytest.approx(1.0, abs=1e-9)
+        for key in ("tool_quaternion", "reference_quaternion"):
+            assert observation[key] @ env.action_layout.reference_quaternion >= 0.0
+            assert np.linalg.norm(observation[key]) == pytest.approx(1.0, abs=1e-9)
+        observation = env.step(action)[0]
+
+
+def test_the_dense_reward_stays_below_that_of_success(env: Any) -> None:
+    dense = make(env.spec.id, reward_type="dense")
+    dense.reset(seed=1)
+    rewards = [dense.step(action)[1] for action in actions(dense, 100)]
+    assert 0.0 <= min(rewards) <= max(rewards) < 1.0
+    assert max(rewards) > 0.0
+    env.reset(seed=1)
+    assert {env.step(action)[1] for action in actions(env, 100)} == {0.0}
+
+
+def test_unusable_actions_are_refused(env: Any) -> None:
+    env.reset(seed=0)
+    bad = env.action_space.sample()
+    bad[2] = np.nan
+    with pytest.raises(InvalidActionError, match="component 2"):
+        env.step(bad)
+    with pytest.raises(InvalidActionError, match="expected"):
+        env.step(np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("control_hz", 30.0),
+        ("control_hz", 0.0),
+        ("control_hz", -50.0),
+        ("control_hz", 1000.0),
+        ("reward_type", "shaped"),
+        ("fingertip_friction", 1.3),
+        ("fingertip_friction", 0.0),
+        ("render_mode", "ascii"),
+    ],
+)
+def test_impossible_arguments_are_refused(argument: str, value: object) -> None:
+    for env_id in IDS:
+        with pytest.raises(InvalidArgumentError, match=argument):
+            load(ENVIRONMENTS[env_id].entry_point)(**{argument: value})
+
+
+def test_the_time_limit_is_in_seconds_at_any_rate(env: Any) -> None:
+    assert env.time_limit == ENVIRONMENTS[env.spec.id].seconds
+    slow = make(env.spec.id, control_hz=25.0)
+    observation, _ = slow.reset(seed=0)
+    assert slow.dt == 0.04
+    action = slow.action_layout.encode(
+        observation["tool_position"], observation["tool_quaternion"], hand=observation.get("hand_position", ())
+    )
+    slow.step(action)
+    assert slow.data.time == pytest.approx(0.04)
+    slow.data.time = slow.time_limit - 1.0
+    ends = [slow.step(action)[3] for _ in range(25)]
+    assert ends == [False] * 24 + [True]
+
+
+def test_the_step_follows_the_control_rate(env: Any) -> None:
+    """Ten decisions per second that keep their goal move the robot as fifty do."""
+    ends = []
+    for hz in (10.0, 50.0):
+        other = make(env.spec.id, control_hz=hz)
+        other.reset(seed=4)
+        for action in actions(other, 20)[::10]:
+            for _ in range(round(hz)):
+                observation = other.step(action)[0]
+        ends.append(observation["joint_position"])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+
+
+# copies and vectors
+
+
+def test_an_environment_can_be_pickled_and_copied(env: Any) -> None:
+    original = make(env.spec.id, control_hz=25.0, reward_type="dense")
+    for twin in (pickle.loads(pickle.dumps(original)), copy.deepcopy(original)):
+        assert (twin.dt, twin.reward_type) == (0.04, "dense")
+        assert_equal(original.reset(seed=5)[0], twin.reset(seed=5)[0])
+        commands = actions(env, 20)
+        np.testing.assert_array_equal(trajectory(original, commands), trajectory(twin, commands))
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_gymnasium_vectors_are_two_single_environments(env: Any, mode: str) -> None:
+    vector = gymnasium.make_vec(env.spec.id, num_envs=2, vectorization_mode=mode)
+    try:
+        observations, _ = vector.reset(seed=[7, 8])
+        commands = actions(env, 20)
+        for action in commands:
+            observations, *_ = vector.step(np.stack([action, -action]))
+    finally:
+        vector.close()
+    for i, sign in enumerate((1, -1)):
+        env.reset(seed=7 + i)
+        for action in commands:
+            last = env.step(sign * action)[0]
+        assert_equal(last, {key: rows[i] for key, rows in observations.items()})
+
+
+def test_stable_baselines_runs_two_in_processes(env: Any) -> None:
+    vectors = pytest.importorskip("stable_baselines3.common.vec_env")
+    vector = vectors.SubprocVecEnv([lambda: gymnasium.make(env.spec.id)] * 2, start_method="fork")
+    try:
+        vector.seed(7)
+        observations = vector.reset()
+    finally:
+        vector.close()
+    for i in range(2):
+        assert_equal(env.reset(seed=7 + i)[0], {key: rows[i] for key, rows in observations.items()})
+
+
+# seeds and states
+
+
+def test_a_seeded_reset_is_the_same_after_a_dirty_episode(env: Any) -> None:
+    commands = actions(env, 50)
+    first, info = env.reset(seed=11)
+    state, path = env.get_state(), trajectory(env, commands)
+    env.reset(seed=99)
+    trajectory(env, actions(env, 100, seed=1))
+    again, info_again = env.reset(seed=11)
+    assert_equal(first, again)
+    assert info == info_again
+    np.testing.assert_array_equal(env.get_state(), state)
+    np.testing.assert_array_equal(trajectory(env, commands), path)
+
+
+def test_different_seeds_give_different_setups(env: Any) -> None:
+    setups = [json.dumps(env.reset(seed=seed) and env.setup()) for seed in range(8)]
+    assert len(set(setups)) == 8
+
+
+def test_unseeded_resets_continue_the_seeded_stream(env: Any) -> None:
+    env.reset(seed=12)
+    second = env.reset()[0]
+    env.reset(seed=12)
+    trajectory(env, actions(env, 5))
+    assert_equal(env.reset()[0], second)
+
+
+def test_a_state_is_restored_exactly(env: Any) -> None:
+    env.reset(seed=13)
+    trajectory(env, actions(env, 60))
+    state = env.get_state()
+    commands = actions(env, 100, seed=2)
+    path, following = trajectory(env, commands), env.reset()[0]
+    env.reset(seed=14)
+    env.set_state(state)
+    np.testing.assert_array_equal(env.get_state(), state)
+    np.testing.assert_array_equal(trajectory(env, commands), path)
+    assert_equal(env.reset()[0], following)
+
+
+def test_a_state_of_the_wrong_size_is_refused(env: Any) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"expected \("):
+        env.set_state(np.zeros(3))
+
+
+ELSEWHERE = """
+import json, sys
+import gymnasium, numpy as np
+import lfd_gym
+sys.path.insert(0, sys.argv[1])
+from test_environments import actions, make, trajectory
+given, found = np.load(sys.argv[2]), {}
+for env_id in json.loads(sys.argv[3]):
+    env = make(env_id)
+    env.set_state(given[env_id])
+    found[env_id + ":path"] = trajectory(env, actions(env, 100, seed=2))
+    found[env_id + ":next"] = np.concatenate(list(env.reset()[0].values()))
+    first, _ = env.reset(seed=11)
+    found[env_id + ":first"] = np.concatenate(list(first.values()))
+    found[env_id + ":state"] = env.get_state()
+np.savez(sys.argv[4], **found)
+"""
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """States of all environments, and what a fresh process makes of them."""
+    folder = tmp_path_factory.mktemp("states")
+    states = {}
+    for env_id in IDS:
+        env = make(env_id)
+        env.reset(seed=13)
+        trajectory(env, actions(env, 60))
+        states[env_id] = env.get_state()
+    np.savez(folder / "states.npz", **states)
+    arguments = [str(ROOT / "tests"), str(folder / "states.npz"), json.dumps(IDS), str(folder / "found.npz")]
+    subprocess.run([sys.executable, "-c", ELSEWHERE, *arguments], check=True, cwd=ROOT, timeout=120)
+    return {**np.load(folder / "found.npz"), **{f"{key}:given": state for key, state in states.items()}}
+
+
+def test_a_fresh_process_resets_bitwise_equally(env: Any, elsewhere: dict[str, np.ndarray]) -> None:
+    first, _ = env.reset(seed=11)
+    np.testing.assert_array_equal(np.concatenate(list(first.values())), elsewhere[f"{env.spec.id}:first"])
+    np.testing.assert_array_equal(env.get_state(), elsewhere[f"{env.spec.id}:state"])
+
+
+def test_a_fresh_process_continues_a_state_exactly(env: Any, elsewhere: dict[str, np.ndarray]) -> None:
+    env.reset(seed=0)
+    env.set_state(elsewhere[f"{env.spec.id}:given"])
+    path = trajectory(env, actions(env, 100, seed=2))
+    np.testing.assert_array_equal(path, elsewhere[f"{env.spec.id}:path"])
+    np.testing.assert_array_equal(np.concatenate(list(env.reset()[0].values())), elsewhere[f"{env.spec.id}:next"])
+
+
+# setups
+
+
+def tracked(env: Any, observation: Observation) -> np.ndarray:
+    return np.concatenate([observation[f"frame_{name}"] for name in env.frames])
+
+
+def test_a_reset_places_what_the_options_ask(env: Any) -> None:
+    wanted, _ = env.reset(seed=21)
+    setup = env.setup()
+    json.dumps(setup)
+    for seed in (22, 23):
+        got, _ = env.reset(seed=seed, options={"setup": setup})
+        assert env.setup() == setup
+        np.testing.assert_array_equal(tracked(env, got), tracked(env, wanted))
+
+
+def test_objects_that_are_not_named_stand_around_those_that_are(env: Any) -> None:
+    env.reset(seed=24)
+    name, pose = next(iter(env.setup().items()))
+    others = set()
+    for seed in range(25, 30):
+        env.reset(seed=seed, options={"setup": {name: pose}})
+        setup = env.setup()
+        assert setup[name] == pose
+        others.add(json.dumps({key: value for key, value in setup.items() if key != name}))
+    assert len(others) == (5 if len(setup) > 1 else 1)
+
+
+def test_what_is_hidden_is_not_in_the_first_observation(env: Any) -> None:
+    env.reset(seed=31)
+    setup = env.setup()
+    observations, hidden = [], []
+    for seed in (32, 33):
+        observations.append(env.reset(seed=seed, options={"setup": setup})[0])
+        hidden.append(np.concatenate([*(view.ravel() for view in env._randomised), env._hidden]))
+    assert not np.array_equal(*hidden), "nothing varies"
+    assert_equal(*observations)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"position": [2.0, 0.0]}, "out of reach|possible"),
+        ({"position": [0.6, 0.9]}, "out of reach|possible"),
+        ({"position": [np.nan, 0.0]}, "expected|possible"),
+        ({"position": [0.6]}, "expected|possible"),
+        ({"position": "here"}, "expected|possible"),
+        ({"yaw": np.nan}, "yaw nan"),
+        ({"yaw": "north"}, "yaw 'north'"),
+        ({"height": 1.0}, "'height' of"),
+    ],
+)
+def test_setups_that_cannot_be_are_refused(env: Any, change: dict[str, Any], message: str) -> None:
+    env.reset(seed=34)
+    setup = env.setup()
+    name = next(iter(setup))
+    with pytest.raises(InvalidSetupError, match=message):
+        env.reset(seed=35, options={"setup": {**setup, name: {**setup[name], **change}}})
+
+
+def test_unknown_objects_and_options_are_refused(env: Any) -> None:
+    with pytest.raises(InvalidSetupError, match="no object 'teapot'"):
+        env.reset(options={"setup": {"teapot": {"position": [0.6, 0.0]}}})
+    with pytest.raises(InvalidArgumentError, match="'setups' is unknown"):
+        env.reset(options={"setups": {}})
+    with pytest.raises(InvalidSetupError, match="mapping"):
+        env.reset(options={"setup": [1, 2]})
+
+
+def test_overlapping_objects_are_refused(env: Any) -> None:
+    env.reset(seed=36)
+    setup = env.setup()
+    if len(setup) < 2:
+        pytest.skip("one object cannot overlap")
+    first, second = list(setup)[:2]
+    with pytest.raises(InvalidSetupError):
+        env.reset(options={"setup": {**setup, second: {**setup[second], "position": setup[first]["position"]}}})
+
+
+def test_random_setups_pass_their_own_check_and_start_unsolved(env: Any) -> None:
+    for seed in range(40, 70):
+        _, info = env.reset(seed=seed)
+        env.check_setup(env.setup())
+        assert not info["is_success"]
+        assert env.data.ncon < 40
+
+
+GRASPS = {
+    "lfd_gym/MoveObject-v0": ((0.057, 0.059, 0.18), (0.0,)),
+    "lfd_gym/LightBulb-v0": ((0.064, 0.11), (-math.radians(60.0), math.radians(60.0))),
+}
+"""Heights of the tool point [m] and yaws [rad] that a task needs all over its area."""
+
+
+@pytest.mark.parametrize("env_id", GRASPS)
+def test_the_arm_reaches_every_corner_of_the_area(env_id: str) -> None:
+    env = make(env_id)
+    module = sys.modules[type(env).__module__]
+    heights, yaws = GRASPS[env_id]
+    for x in (module.AREA_LOW[0], module.AREA_HIGH[0]):
+        for y in (module.AREA_LOW[1], module.AREA_HIGH[1]):
+            for height in heights:
+                for yaw in yaws:
+                    turn = quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw]))
+                    goal = quaternion.multiply(turn, wam.TOOL_DOWN)
+                    found = wam.inverse_kinematics(env.model, env.tool, np.array([x, y, height]), goal)
+                    assert found is not None, (x, y, height, yaw)
+
+
+@pytest.mark.parametrize(("env_id", "span"), [("lfd_gym/MoveObject-v0", 0.50), ("lfd_gym/LightBulb-v0", 0.60)])
+def test_objects_are_placed_all_over_their_area(env_id: str, span: float) -> None:
+    env = make(env_id)
+    places = {name: [] for name in env.frames}
+    yaws = []
+    for seed in range(150):
+        env.reset(seed=seed)
+        for name, pose in env.setup().items():
+            places[name].append(pose["position"])
+            yaws.append(pose["yaw"])
+    for name in places:
+        np.testing.assert_allclose(np.ptp(places[name], axis=0), [0.25, span], rtol=0.06)
+    assert np.ptp(yaws) > math.radians(350.0)
+
+
+# honest physics
+
+
+def test_the_arm_begins_at_rest_with_the_tool_down(env: Any) -> None:
+    observation, _ = env.reset(seed=51)
+    np.testing.assert_array_equal(observation["joint_velocity"], 0.0)
+    np.testing.assert_allclose(np.abs(observation["tool_quaternion"] @ wam.TOOL_DOWN), 1.0, atol=1e-9)
+    np.testing.assert_allclose(observation["reference_position"], observation["tool_position"], atol=1e-12)
+    assert np.linalg.norm(observation["wrench"][:3]) < 1.0
+
+
+def test_nothing_helps_the_hand(env: Any) -> None:
+    model = env.model
+    robot = model.body_rootid == model.body("wam_base").id
+    assert not (model.actuator_trntype == mujoco.mjtTrn.mjTRN_BODY).any(), "adhesion"
+    actuated = model.jnt_bodyid[model.actuator_trnid[:, 0]]
+    assert (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).all()
+    assert robot[actuated].all(), "an object moves itself"
+    for i in range(model.neq):
+        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+        kind = mujoco.mjtEq(model.eq_type[i])
+        if kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            assert model.eq_objtype[i] == mujoco.mjtObj.mjOBJ_BODY
+            assert not robot[[first, second]].any(), "something is welded to the robot"
+            assert "nut" in (model.body(first).name, model.body(second).name)
+        elif kind == mujoco.mjtEq.mjEQ_JOINT:
+            assert robot[model.jnt_bodyid[first]] == (second < 0 or robot[model.jnt_bodyid[second]])
+        else:
+            assert kind == mujoco.mjtEq.mjEQ_TENDON
+            assert model.tendon(first).name == "thread"
+    for i in range(model.nwrap):
+        if model.wrap_type[i] == mujoco.mjtWrap.mjWRAP_JOINT:
+            assert not robot[model.jnt_bodyid[model.wrap_objid[i]]], "a tendon pulls at the robot"
+    mocap = model.body_mocapid >= 0
+    assert not mocap[robot].any()
+
+
+def test_gravity_and_friction_are_the_worlds(env: Any) -> None:
+    model = env.model
+    env.reset(seed=52)
+    np.testing.assert_array_equal(model.opt.gravity, [0, 0, -9.81])
+    np.testing.assert_array_equal(model.body_gravcomp, 0.0)
+    assert model.opt.disableflags == int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    assert model.geom_friction[:, 0].max() <= wam.MAX_FINGERTIP_FRICTION
+    solid = (model.geom_contype > 0) | (model.geom_conaffinity > 0)
+    assert (model.geom_solref[solid, 0] >= 2 * model.opt.timestep).all()
+    assert (model.geom_margin == 0.0).all()
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_asked_fingertip_friction_is_that_of_the_fingertips(env_id: str) -> None:
+    env = make(env_id, fingertip_friction=0.8)
+    env.reset(seed=0)
+    tips = [i for i in range(env.model.ngeom) if env.model.geom(i).name.endswith("_tip")]
+    if env.tool == "hand":
+        assert len(tips) == 3
+        np.testing.assert_allclose(env.model.geom_friction[tips, 0], 0.8)
+
+
+def test_the_solver_is_one_that_is_right(env: Any) -> None:
+    assert mujoco.__version__ != "4.0.0"
+    assert env.model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
+    assert env.model.opt.timestep == env.physics_dt == 0.002
+
+
+def test_every_resettable_body_and_joint_has_a_name(env: Any) -> None:
+    model = env.model
+    assert all(model.body(i).name for i in range(model.nbody))
+    assert all(model.joint(i).name for i in range(model.njnt))
+    assert all(model.actuator(i).name for i in range(model.nu))
+
+
+def test_a_reset_does_not_compile_the_model_anew(env: Any) -> None:
+    model, data = env.model, env.data
+    env.reset(seed=1)
+    env.reset(seed=2)
+    assert env.model is model
+    assert env.data is data
+
+
+def test_a_broken_simulation_ends_the_episode() -> None:
+    env = make(IDS[0])
+    observation, _ = env.reset(seed=0)
+    env.data.qvel[3] = np.nan
+    _, reward, terminated, _, info = env.step(np.zeros(env.action_space.shape))
+    assert info["broken"]
+    assert terminated
+    assert reward < 1.0
+    again, info = env.reset(seed=0)
+    assert not info["broken"]
+    assert_equal(observation, again)
