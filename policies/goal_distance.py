@@ -33,7 +33,7 @@ def goal_distance_features(data: PassageData, k: int, kind: str) -> list[Feature
     """Features of primitive k. Along a force axis the world may yield or contact be missing: two different events."""
     modes, total, result = data.primitives.table.modes[k], np.zeros(N_COORDINATES), []
     for entity in data.controlled(k):
-        width = _width(data, k, partial(data.distance, k, entity), TOLERANCE[entity])
+        width = _width(data, k, partial(data.distance, k, entity), TOLERANCE[entity], kind)
         gain = np.zeros(N_COORDINATES)
         gain[ENTITIES[entity]] = (modes[ENTITIES[entity]] == CONTROLLED) / width
         result.append(Feature(entity, k, gain, 0.0))
@@ -41,7 +41,7 @@ def goal_distance_features(data: PassageData, k: int, kind: str) -> list[Feature
     for i in data.forced(k):
         direction = float(np.sign(data.primitives.force[k, i])) or 1.0
         for name, side in (("contact missing", -direction), ("world yielded", direction)):
-            width = _width(data, k, partial(_beyond, i, side), TOLERANCE["position"])
+            width = _width(data, k, partial(_beyond, i, side), TOLERANCE["position"], kind)
             gain = np.zeros(N_COORDINATES)
             gain[i] = 1.0 / width
             result.append(Feature(f"{name} along {'xyz'[i]}", k, gain, side))
@@ -53,14 +53,17 @@ def _beyond(i: int, side: float, deviations: Array) -> Array:
     return np.maximum(side * deviations[:, i], 0.0)
 
 
-def _width(data: PassageData, k: int, distance: Callable[[Array], Array], smallest: float) -> float:
+def _width(data: PassageData, k: int, distance: Callable[[Array], Array], smallest: float, kind: str) -> float:
+    """For one distance of all dimensions, one class: it has to grade the whole way, as the thesis's does."""
     groups: dict[Hashable, list[Array]] = {}
     for p in data.passages:
         if data.graph.labels[p.node] == k:
             d, arrival = distance(data.deviations(p, k)), data.arrival(p)
-            if arrival > 0:
+            if kind == "primitive":
+                groups.setdefault("all", []).append(d)
+            elif arrival > 0:
                 groups.setdefault("on the way", []).append(d[:arrival])
-            if not data.stopped_early(p):
+            if kind == "entity" and not data.stopped_early(p):
                 groups.setdefault(END if p.exit == END else data.graph.labels[p.exit], []).append(d[arrival:])
     return goal_distance_width(groups, smallest)
 
@@ -72,16 +75,17 @@ def goal_distance_width(groups: Mapping[Hashable, Sequence[Array]], smallest: fl
 
         J(sigma) = mean over classes c of Var_c(f) + (min_c mean_c f)^2 + (1 - max_c mean_c f)^2
 
-    is minimised on a logarithmic grid from `smallest` to 100 times it: little variance, a minimum near 0 and a maximum
-    near 1, as 2.5.1 asks, taken within and between the classes that have to be told apart. Passages weigh the same,
-    whatever their length. So f saturates a little beyond the point of decision and means the same in every setup.
+    is minimised on a logarithmic grid from `smallest` to 100 times it, where with a single class the minimum and the
+    maximum are those of its samples: little variance, a minimum near 0 and a maximum near 1, as 2.5.1 asks, within and
+    between the classes that have to be told apart. Passages weigh the same, whatever their length. With several classes
+    f saturates a little beyond the point of decision and means the same in every setup.
     """
     widths = smallest * np.logspace(0, 2, 81)
     means, variances = [], []
     for own in groups.values():
         f = [1.0 - np.exp(-0.5 * (d[:, None] / widths) ** 2) for d in own]
         mean = np.mean([x.mean(axis=0) for x in f], axis=0)
-        means.append(mean)
+        means += [mean] if len(groups) > 1 else [np.concatenate(f).min(axis=0), np.concatenate(f).max(axis=0)]
         variances.append(np.mean([((x - mean) ** 2).mean(axis=0) for x in f], axis=0))
     cost = np.mean(variances, axis=0) + np.min(means, axis=0) ** 2 + (1.0 - np.max(means, axis=0)) ** 2
     return float(widths[int(np.argmin(cost))])

@@ -107,9 +107,10 @@ class TransitionData:
         return way
 
     def _leaving(self, node: int, exit_: int) -> list[Passage]:
-        """Passages from a node to an exit; if none was observed (fully connected graph), from anywhere."""
-        to = [p for p in self.data.passages if p.exit == exit_ and not self.data.stopped_early(p)]
-        return [p for p in to if p.node == node] or [p for p in to if p.node != 0]
+        """Passages from a node to an exit, those not stopped early; from anywhere if none was observed here."""
+        to = [p for p in self.data.passages if p.exit == exit_]
+        own = [p for p in to if p.node == node]
+        return [p for p in own if not self.data.stopped_early(p)] or own or [p for p in to if p.node != 0]
 
     def _features(self, p: Passage, features: list[Feature]) -> Array:
         columns = [goal_distances(self.data.deviations(p, f.primitive), f.gain, f.side) for f in features]
