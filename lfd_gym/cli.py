@@ -211,6 +211,24 @@ def render(
 
 
 @app.command()
+def experiment(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Such as 'teachers'; an unknown name lists them all.")],
+    out: Annotated[Path, typer.Option(help="Folder of its rows and its table; finished rows are not made again.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A few episodes on development seeds.")] = False,
+    jobs: JobsOption = 2,
+) -> None:
+    """Make the table of an experiment again."""
+    from lfd_gym.experiments import EXPERIMENTS
+    from lfd_gym.paths import written_whole
+    from lfd_gym.registry import look_up
+
+    table = look_up(EXPERIMENTS, "experiment", name)(out, quick, jobs)
+    with written_whole(out / "table.md") as temporary:
+        temporary.write_text(table + "\n")
+    print(table)
+
+
+@app.command()
 def bench(
     env: Annotated[str | None, typer.Argument(metavar="[ENV]", help="One task; all if left out.")] = None,
     json_path: Annotated[Path | None, typer.Option("--json", help="File for the figures as data.")] = None,

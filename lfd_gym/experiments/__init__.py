@@ -1,0 +1,11 @@
+"""Experiments: each makes its table (and figure) again with one command, `lfd-gym experiment NAME --out DIR`.
+
+An experiment is a function `run(out, quick, jobs) -> str` that writes into a folder and returns its table as Markdown. Finished
+rows are kept as files, so that an experiment that was interrupted goes on where it stopped.
+"""
+
+EXPERIMENTS: dict[str, str] = {
+    "teachers": "lfd_gym.experiments.teachers:run",
+    "sequence-graphs": "lfd_gym.experiments.sequence_graphs:run",
+    "perturbations": "lfd_gym.experiments.perturbations:run",
+}
