@@ -7,6 +7,7 @@ import numpy as np
 from lfd_gym import quaternion
 from lfd_gym.demonstration import EntityControl, Primitive
 from lfd_gym.errors import InvalidArgumentError
+from scripted_teachers.noise import STEADY_POSITION, STEADY_ROTATION
 from scripted_teachers.teacher import (
     HOLD,
     POSITION,
@@ -76,15 +77,17 @@ class BoxFlippingTeacher(ScriptedTeacher):
         yield Movement(PUSH, position=_at(*PUSHED), hand=HAND, steady=True)
         press = self.pull() if self.press is None else self.press
         _, first, along = _cylindrical(self.observation)
+        last = LAST_ANGLE + self.noise * STEADY_ROTATION * self.rng.standard_normal()
+        along += self.noise * STEADY_POSITION * self.rng.standard_normal()
 
         def flip(observation: Observation, progress: float) -> tuple[Array, Array]:
             axes, origin = _edge(observation)
             radius, angle, _ = _cylindrical(observation)
-            wanted = first + minimum_jerk(progress) * (LAST_ANGLE - first)
+            wanted = first + minimum_jerk(progress) * (last - first)
             goal = origin + axes @ np.array([radius * np.cos(wanted), radius * np.sin(wanted), along])
             return goal, -press * (axes @ np.array([np.cos(angle), np.sin(angle), 0.0]))
 
-        yield Movement(FLIP, path=flip, duration=(LAST_ANGLE - first) / FLIP_SPEED, hand=HAND, steady=True)
+        yield Movement(FLIP, path=flip, duration=(last - first) / FLIP_SPEED, hand=HAND, steady=True)
         yield Movement(WITHDRAW, position=_at(*FINAL), hand=HAND)
 
     def _facing(self) -> Array:

@@ -78,11 +78,12 @@ class Movement:
     steady: bool = False
     """Contact-critical: smaller spread, never stopped early."""
     path: Callable[[Observation, float], tuple[Array, Array]] | None = None
-    """Goal in the world [m] and force on the world [N] at a fraction of `duration`, in place of a straight line."""
+    """Goal in the world [m] and force on the world [N] at a fraction of `duration`, in place of a straight line; a path varies
+    by itself."""
     duration: float = SHORTEST
     """Of the clean movement along `path` [s]."""
-    spread: float = 1.0
-    """Factor on the spread of the goal's position."""
+    waits: Callable[[Observation, float], bool] | None = None
+    """The movement's clock stands still while true of (observation, fraction of the duration)."""
 
 
 class ScriptedTeacher:
@@ -152,7 +153,6 @@ class ScriptedTeacher:
 
     def _perform(self, movement: Movement) -> Iterator[tuple[NDArray[np.float32], int]]:
         variation = noise_model.vary(self.rng, self.noise, movement.steady)
-        variation = variation._replace(position=movement.spread * variation.position)
         if movement.hand is not None:
             self._goal_hand = movement.hand
         force = np.zeros(3) if movement.force is None else movement.force
@@ -170,15 +170,15 @@ class ScriptedTeacher:
         elapsed, arrived = 0.0, False
         hands = [self.observation.get("hand_position", np.empty(0))]
         while True:
-            elapsed += self.dt
+            if movement.waits is None or not movement.waits(self.observation, elapsed / duration):
+                elapsed += self.dt
             progress = min(elapsed / duration, variation.completeness)
             s = minimum_jerk(progress)
             if movement.path is None:
                 goal, _ = self._goals(movement, variation, start)
                 self._goal_position = start + s * (goal - start) + np.sin(np.pi * s) * bow
             else:
-                goal, force = movement.path(self.observation, progress)
-                self._goal_position = goal + variation.position
+                self._goal_position, force = movement.path(self.observation, progress)
             self._goal_orientation = quaternion.multiply(quaternion.from_rotation_vector(s * turn), start_orientation)
             yield self._action(self._goal_position, self._goal_orientation, force), movement.label
             hands.append(self.observation.get("hand_position", np.empty(0)))
