@@ -34,6 +34,8 @@ ENVIRONMENTS: dict[str, EnvironmentEntry] = {
     "lfd_gym/LightBulb-v0": EnvironmentEntry("lfd_gym.envs.light_bulb:LightBulbEnv", seconds=90.0),
     "lfd_gym/BoxStacking-v0": EnvironmentEntry("lfd_gym.envs.box_stacking:BoxStackingEnv", seconds=90.0),
     "lfd_gym/BoxFlipping-v0": EnvironmentEntry("lfd_gym.envs.box_flipping:BoxFlippingEnv", seconds=30.0),
+    "lfd_gym/Whiteboard-v0": EnvironmentEntry("lfd_gym.envs.whiteboard:WhiteboardEnv", seconds=60.0),
+    "lfd_gym/CylinderGrasp-v0": EnvironmentEntry("lfd_gym.envs.cylinder_grasp:CylinderGraspEnv", seconds=60.0),
 }
 
 

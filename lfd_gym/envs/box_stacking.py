@@ -50,6 +50,7 @@ class BoxStackingEnv(ManipulationEnv):
 
     scene = "box_stacking.xml"
     frames = ("box_yellow", "box_green", "box_red", "box_blue")
+    movable = ("box_green",)
     subtasks = ("green_on_yellow", "red_on_green", "blue_on_red")
     time_limit = 90.0
     layout = ActionLayout(
@@ -111,11 +112,11 @@ class BoxStackingEnv(ManipulationEnv):
 
     def randomise(self, rng: np.random.Generator) -> None:
         """Masses (with their inertias) and frictions."""
-        factors = rng.uniform(0.08, 0.16, 4) / self._masses
+        factors = self.between(rng, 0.08, 0.16, 4) / self._masses
         self._masses *= factors
         self._inertias *= factors[:, None]
         for friction in self._frictions:
-            friction[0] = rng.uniform(0.6, 1.0)
+            friction[0] = self.between(rng, 0.6, 1.0)
 
     def after_physics(self) -> None:
         """See which boxes the robot touches."""
