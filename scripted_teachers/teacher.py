@@ -168,7 +168,7 @@ class ScriptedTeacher:
         )
         rest = waited = reaction = 0.0
         elapsed, arrived = 0.0, False
-        hands = [self.observation.get("hand_position", np.empty(0))]
+        hands = [self.observation.get("hand_position", np.empty(0)).copy()]
         while True:
             if movement.waits is None or not movement.waits(self.observation, elapsed / duration):
                 elapsed += self.dt
@@ -181,7 +181,7 @@ class ScriptedTeacher:
                 self._goal_position, force = movement.path(self.observation, progress)
             self._goal_orientation = quaternion.multiply(quaternion.from_rotation_vector(s * turn), start_orientation)
             yield self._action(self._goal_position, self._goal_orientation, force), movement.label
-            hands.append(self.observation.get("hand_position", np.empty(0)))
+            hands.append(self.observation.get("hand_position", np.empty(0)).copy())
             if movement.ends is not None and movement.ends(self.observation, variation.threshold):
                 reaction += self.dt
                 if reaction > REACTION:
