@@ -1,0 +1,205 @@
+"""Write a word on each of two whiteboards (thesis 4.4.2)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import mujoco
+import numpy as np
+from dm_control.utils.rewards import tolerance
+from numpy.typing import NDArray
+
+from lfd_gym import alphabet, ink, quaternion, wam
+from lfd_gym.action import ActionLayout
+from lfd_gym.envs import setups
+from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
+from lfd_gym.errors import InvalidArgumentError
+
+Array = NDArray[np.float64]
+
+AREA_LOW = {"board_1": np.array([0.545, 0.13]), "board_2": np.array([0.545, -0.33])}
+AREA_HIGH = {"board_1": np.array([0.695, 0.33]), "board_2": np.array([0.695, -0.13])}
+"""Where the boards may stand, x and y of their middles [m]."""
+MAX_YAW = math.radians(30.0)
+TILT_LOW, TILT_HIGH = math.radians(35.0), math.radians(50.0)
+FACING_ROBOT = np.array([math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5)])
+"""Quaternion of a flat board that is written from left to right as the robot sees it: x to its right."""
+FOOT = 0.010
+"""Of the lower edge's middle over the table [m]."""
+INK_FORCE = 0.5
+"""A softer touch leaves no ink [N]."""
+TIP_RADIUS = 0.004
+ENOUGH = 0.9
+LIFTED = 0.02
+"""The pen is off the boards [m]."""
+
+
+class WhiteboardEnv(ManipulationEnv):
+    """Write a word on each of two whiteboards with a pen on the wrist (thesis 4.4.2, Figures 4.1 and 4.5).
+
+    | what | |
+    |---|---|
+    | frames | `board_1`, `board_2`: middle of the surface, x along the writing, y up the slope, z out of the board |
+    | start | each board in 15 x 20 cm, yaw +- 30 degrees, tilt 35-50 degrees |
+    | varies, hidden | friction of the pen's tip 0.1-0.3 |
+    | success | at least 90 % of the wanted strokes inked and 90 % of the ink on them, both within 4 mm, the pen lifted |
+    | subtasks | `word_1`, `word_2` (both figures on that board), `lifted` (2 cm off both boards) |
+    | measures | `coverage`, `precision`: the two figures over both boards, see `lfd_gym.ink` |
+    | dense reward | reach 0.1, coverage times precision 0.75, lift 0.1 |
+    | time limit | 60 s |
+
+    A tip that presses on a board with at least 0.5 N leaves ink, wanted or not, at every physics step. Letters are 6 cm high
+    (`lfd_gym.alphabet`), smaller in words of more than four letters. The tool point is the centre of the pen's round tip, 4 mm
+    off the board while it writes. Workspace: x 0.40-0.80, y -0.47-0.47, z 0.0-0.40 m; tilt 0.3 rad, yaw 0.6 rad;
+    alpha 40, beta 10 1/s. Arguments other than `words`: see `ManipulationEnv`.
+
+    Args:
+        words: one word for each board, 1 to 6 capital letters each.
+
+    Raises:
+        InvalidArgumentError: other words.
+
+    Version history: v0, first version.
+    """
+
+    scene = "whiteboard.xml"
+    tool = "pen"
+    frames = ("board_1", "board_2")
+    subtasks = ("word_1", "word_2", "lifted")
+    time_limit = 60.0
+    stiffness = 1600.0
+    n_hidden = 2 * ink.WORDS
+    layout = ActionLayout(
+        workspace_low=np.array([0.40, -0.47, 0.0]),
+        workspace_high=np.array([0.80, 0.47, 0.40]),
+        rotation_limit=np.array([0.3, 0.3, 0.6]),
+        force_limit=10.0,
+        hand_low=np.array([]),
+        hand_high=np.array([]),
+        reference_quaternion=wam.TOOL_DOWN,
+        alpha=40.0,
+        beta=10.0,
+        speed_limit=0.5,
+        turn_limit=1.8,
+    )
+
+    def __init__(self, words: Sequence[str] = ("IAS", "HRI"), **kwargs: Any) -> None:
+        if isinstance(words, str) or not isinstance(words, Sequence) or len(words) != len(self.frames):
+            raise InvalidArgumentError(f"words {words!r}; possible: two words of capital letters, as ('IAS', 'HRI')")
+        self.words = tuple(words)
+        self._strokes = [alphabet.strokes(word) for word in self.words]
+        super().__init__(**kwargs)
+
+    def build(self) -> None:
+        """Find tip and boards; lay out the ink."""
+        model, data = self.model, self.data
+        self._friction = model.geom_friction[model.geom("pen/pen_point").id, 0:1]
+        self.vary(self._friction)
+        memories = self._hidden.reshape(len(self.frames), ink.WORDS)
+        self._ink = [ink.Ink(strokes, memory) for strokes, memory in zip(self._strokes, memories, strict=True)]
+        first = model.body(self.frames[0]).id
+        self._origins, self._axes = data.xpos[first : first + 2], data.xmat[first : first + 2]
+        self._tip = data.site("pen/tool").xpos
+        pressed = data.sensor("pen/touch").data
+        arguments = (memories, pressed, INK_FORCE, self._tip, 1.5 * TIP_RADIUS, self._origins, self._axes)
+        self.watch = lambda: ink.draw(*arguments)
+
+    def sample_setup(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Uniform, each in its own area."""
+        return {
+            name: {
+                "position": rng.uniform(AREA_LOW[name], AREA_HIGH[name]).tolist(),
+                "yaw": float(rng.uniform(-MAX_YAW, MAX_YAW)),
+                "tilt": float(rng.uniform(TILT_LOW, TILT_HIGH)),
+            }
+            for name in self.frames
+        }
+
+    def check_setup(self, setup: Mapping[str, Any]) -> None:
+        """Each in its area."""
+        for name in self.frames:
+            self.within(name, setup[name]["position"], AREA_LOW[name], AREA_HIGH[name])
+            setups.in_range(f"yaw of '{name}'", setup[name]["yaw"], -MAX_YAW, MAX_YAW)
+            setups.in_range(f"tilt of '{name}'", setup[name]["tilt"], TILT_LOW, TILT_HIGH)
+
+    def place(self, setup: Mapping[str, Any]) -> None:
+        """The boards stand on their lower edges."""
+        for i, name in enumerate(self.frames):
+            tilt = setup[name]["tilt"]
+            self.data.mocap_pos[i, :2] = setup[name]["position"]
+            self.data.mocap_pos[i, 2] = FOOT + ink.HALF_SIZE[1] * math.sin(tilt)
+            flat = quaternion.multiply(upright(setup[name]["yaw"]), FACING_ROBOT)
+            slope = quaternion.from_rotation_vector(np.array([tilt, 0.0, 0.0]))
+            self.data.mocap_quat[i] = quaternion.multiply(flat, slope)
+
+    def randomise(self, rng: np.random.Generator) -> None:
+        """Friction of the tip."""
+        self._friction[0] = self.between(rng, 0.1, 0.3)
+
+    def after_physics(self) -> None:
+        """Read what is written."""
+        self._tallies = [board.tally() for board in self._ink]
+        self._total = self._tallies[0] + self._tallies[1]
+
+    def _lifted(self) -> bool:
+        return all(self._above(i) > LIFTED for i in range(len(self.frames)))
+
+    def _above(self, i: int) -> float:
+        """Height of the tip over a board, infinite beside it [m]."""
+        x, y, z = self._axes[i].reshape(3, 3).T @ (self._tip - self._origins[i])
+        beside = abs(x) > ink.HALF_SIZE[0] or abs(y) > ink.HALF_SIZE[1]
+        return math.inf if beside else float(z) - TIP_RADIUS
+
+    def succeeded(self) -> bool:
+        """Both words stand there, with little ink beside them, and the pen is off the boards."""
+        return _enough(self._total) and self._lifted()
+
+    def subtask_flags(self) -> tuple[bool, ...]:
+        """First word, second word, lifted."""
+        return _enough(self._tallies[0]), _enough(self._tallies[1]), self._lifted()
+
+    def measures(self) -> dict[str, float]:
+        """Coverage and precision."""
+        return {"coverage": self._total.coverage, "precision": self._total.precision}
+
+    def progress(self) -> float:
+        """Reach, write, lift."""
+        unfinished = next((i for i, tally in enumerate(self._tallies) if not _enough(tally)), None)
+        if unfinished is None:
+            return 0.85 + 0.1 * self._lifted()
+        reach = tolerance(math.dist(self._tip, self._origins[unfinished]), (0.0, 0.08), margin=0.3)
+        return float(0.1 * reach + 0.75 * self._total.coverage * self._total.precision)
+
+    def decorate(self, scene: mujoco.MjvScene) -> None:
+        """Draw the wanted strokes, pale, and the ink."""
+        for i, board in enumerate(self._ink):
+            axes, origin = self._axes[i].reshape(3, 3), self._origins[i]
+            for stroke in self._strokes[i]:
+                corners = origin + np.pad(stroke, ((0, 0), (0, 1)), constant_values=0.0002) @ axes.T
+                for a, b in pairwise(corners):
+                    geom = _new_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, origin, axes, PALE)
+                    if geom is not None:
+                        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.0008, a, b)
+            for point in board.points():
+                place = origin + axes @ np.array([*point, 0.0008])
+                _new_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, place, axes, INKED)
+
+
+PALE, INKED = np.array([0.70, 0.75, 0.82, 1.0], np.float32), np.array([0.05, 0.12, 0.45, 1.0], np.float32)
+
+
+def _enough(tally: ink.Tally) -> bool:
+    return tally.coverage >= ENOUGH and tally.precision >= ENOUGH
+
+
+def _new_geom(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, place: Array, axes: Array, rgba: NDArray[np.float32]
+) -> mujoco.MjvGeom | None:
+    """A flat disc of the size of a cell at the end of a scene; None where the scene is full."""
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(geom, kind, np.array([ink.CELL, ink.CELL, 0.0003]), place, axes.ravel(), rgba)
+    scene.ngeom += 1
+    return geom

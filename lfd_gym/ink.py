@@ -1,0 +1,159 @@
+"""Ink on boards: cells of a raster that a pen's tip has touched, and how well they show the words that were wanted.
+
+A board's surface is divided into square cells; a cell is inked or not, so that resting on a spot leaves no more than passing
+it. With T the points along the wanted strokes and C the centres of the inked cells,
+
+    coverage  = |{t in T: some c in C is within the tolerance of t}| / |T|
+    precision = |{c in C: some t in T is within the tolerance of c}| / |C|,   0 without ink.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lfd_gym.alphabet import sample
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+HALF_SIZE = (0.11, 0.07)
+"""Half width and half height of a board [m]."""
+CELL = 0.002
+"""Width of a cell [m]."""
+TOLERANCE = 0.004
+"""Between ink and stroke [m]."""
+SPACING = 0.001
+"""Between the points of a wanted stroke [m]."""
+COLUMNS, ROWS = round(2 * HALF_SIZE[0] / CELL), round(2 * HALF_SIZE[1] / CELL)
+BITS = 32
+WORDS = math.ceil(COLUMNS * ROWS / BITS)
+"""Size of a board's memory: cells are the bits of integers that a float64 holds exactly."""
+
+
+class Tally(NamedTuple):
+    """What is on one board."""
+
+    covered: int
+    """Points of the wanted strokes with ink near them."""
+    wanted: int
+    """Points of the wanted strokes."""
+    good: int
+    """Inked cells near a wanted stroke."""
+    inked: int
+    """Inked cells."""
+
+    @property
+    def coverage(self) -> float:
+        """Fraction of the wanted strokes that is inked."""
+        return self.covered / self.wanted
+
+    @property
+    def precision(self) -> float:
+        """Fraction of the ink that is wanted."""
+        return self.good / max(self.inked, 1)
+
+    def __add__(self, other: "Tally") -> "Tally":  # type: ignore[override]
+        """Two boards together."""
+        return Tally(*(a + b for a, b in zip(self, other, strict=True)))
+
+
+class Ink:
+    """The ink on one board.
+
+    Args:
+        strokes: what shall be written, arrays of corners (k, 2) in the board's axes [m].
+        memory: where the cells are kept, shape (`WORDS`,); all zeros is a clean board.
+    """
+
+    def __init__(self, strokes: list[Array], memory: Array) -> None:
+        self.memory = memory
+        targets = np.concatenate([sample(stroke, SPACING) for stroke in strokes])
+        reach = np.arange(-math.ceil(TOLERANCE / CELL), math.ceil(TOLERANCE / CELL) + 1)
+        offsets = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+        places = np.floor((targets + HALF_SIZE) / CELL).astype(np.int64)[:, None] + offsets
+        distance = np.linalg.norm((places + 0.5) * CELL - HALF_SIZE - targets[:, None], axis=2)
+        near = (distance <= TOLERANCE) & ((places >= 0) & (places < (COLUMNS, ROWS))).all(axis=2)
+        self._cells = places[near] @ (1, COLUMNS)
+        self._starts = np.concatenate([[0], np.cumsum(near.sum(axis=1))])
+        self._on_target = np.zeros(COLUMNS * ROWS, dtype=bool)
+        self._on_target[self._cells] = True
+
+    def mark(self, x: float, y: float) -> None:
+        """Touch the board at a point in its axes [m]; beside the board nothing is left."""
+        mark(self.memory, x, y)
+
+    def tally(self) -> Tally:
+        """Compare what is written with what was wanted."""
+        return Tally(*_tally(self.memory, self._on_target, self._cells, self._starts))
+
+    def points(self) -> Array:
+        """Centres of the inked cells in the board's axes, shape (n, 2) [m]."""
+        words = self.memory.astype(np.uint32).view(np.uint8)
+        return centres(np.flatnonzero(np.unpackbits(words, bitorder="little")))
+
+
+def centres(cells: Integers) -> Array:
+    """Centres of cells by their numbers, shape (n, 2) [m]."""
+    place = np.stack([cells % COLUMNS, cells // COLUMNS], axis=1)
+    return (place + 0.5) * CELL - np.array(HALF_SIZE)
+
+
+@njit(cache=True)
+def mark(memory: Array, x: float, y: float) -> None:
+    """Ink the cell at a point of the board, if it is on the board."""
+    column, row = math.floor((x + HALF_SIZE[0]) / CELL), math.floor((y + HALF_SIZE[1]) / CELL)
+    if 0 <= column < COLUMNS and 0 <= row < ROWS:
+        cell = row * COLUMNS + column
+        memory[cell // BITS] = float(int(memory[cell // BITS]) | (1 << (cell % BITS)))
+
+
+@njit(cache=True)
+def _is_inked(memory: Array, cell: int) -> bool:
+    return (int(memory[cell // BITS]) >> (cell % BITS)) & 1 == 1
+
+
+@njit(cache=True)
+def _tally(memory: Array, on_target: NDArray[np.bool_], cells: Integers, starts: Integers) -> tuple[int, int, int, int]:
+    covered = good = inked = 0
+    for word in range(memory.size):
+        if memory[word] == 0.0:
+            continue
+        for cell in range(word * BITS, min((word + 1) * BITS, on_target.size)):
+            if _is_inked(memory, cell):
+                inked += 1
+                good += on_target[cell]
+    if inked:
+        for target in range(starts.size - 1):
+            for i in range(starts[target], starts[target + 1]):
+                if _is_inked(memory, cells[i]):
+                    covered += 1
+                    break
+    return covered, starts.size - 1, good, inked
+
+
+@njit(cache=True)
+def draw(
+    memories: Array, pressed: Array, threshold: float, tip: Array, reach: float, origins: Array, axes: Array
+) -> None:
+    """Leave ink where a pen presses on a board: called after every physics step.
+
+    Args:
+        memories: of all boards, (n, WORDS).
+        pressed: force on the tip, (1,) [N]; below the threshold nothing is left.
+        tip: centre of the tip, world frame [m]; `reach` from it to the surface at most.
+        origins, axes: frames of the boards, world, (n, 3) and (n, 9).
+    """
+    if pressed[0] < threshold:
+        return
+    for board in range(memories.shape[0]):
+        x = y = z = 0.0
+        for i in range(3):
+            offset = tip[i] - origins[board, i]
+            x += axes[board, 3 * i] * offset
+            y += axes[board, 3 * i + 1] * offset
+            z += axes[board, 3 * i + 2] * offset
+        if abs(z) < reach:
+            mark(memories[board], x, y)
