@@ -1,5 +1,6 @@
 """Setups: where the objects stand at a reset, as `{object: {"position": [x, y], "yaw": angle, ...}}`."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -39,18 +40,22 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
         for key, value in pose.items():
             if isinstance(fresh[name][key], float) and not _is_finite(value):
                 raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a finite number")
+    nothing_to_draw = all(set(wanted.get(name, ())) == set(pose) for name, pose in fresh.items())
+    faults: Counter[str] = Counter()
     for _ in range(ATTEMPTS):
         setup = {name: {**pose, **wanted.get(name, {})} for name, pose in fresh.items()}
         try:
             check(setup)
-        except InvalidSetupError:
-            if set(wanted) == set(fresh):
+        except InvalidSetupError as error:
+            if nothing_to_draw:
                 raise
+            faults[str(error)] += 1
             fresh = sample()
             continue
         return {name: {key: _plain(value) for key, value in pose.items()} for name, pose in setup.items()}
-    check(setup)
-    raise InvalidSetupError("no room for the objects that the setup does not name")
+    fault, times = faults.most_common(1)[0]
+    # what is wrong with the named objects themselves is wrong again and again
+    raise InvalidSetupError(fault if times > 1 else "no room for the objects that the setup does not name")
 
 
 def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
