@@ -80,6 +80,7 @@ class Ink:
         self._starts = np.concatenate([[0], np.cumsum(near.sum(axis=1))])
         self._on_target = np.zeros(COLUMNS * ROWS, dtype=bool)
         self._on_target[self._cells] = True
+        self._read, self._tally = np.full(WORDS, np.nan), Tally(0, len(targets), 0, 0)
 
     def mark(self, x: float, y: float) -> None:
         """Touch the board at a point in its axes [m]; beside the board nothing is left."""
@@ -87,7 +88,9 @@ class Ink:
 
     def tally(self) -> Tally:
         """Compare what is written with what was wanted."""
-        return Tally(*_tally(self.memory, self._on_target, self._cells, self._starts))
+        if _changed(self.memory, self._read):
+            self._tally = Tally(*_tally(self.memory, self._on_target, self._cells, self._starts))
+        return self._tally
 
     def points(self) -> Array:
         """Centres of the inked cells in the board's axes, shape (n, 2) [m]."""
@@ -113,6 +116,17 @@ def mark(memory: Array, x: float, y: float) -> None:
 @njit(cache=True)
 def _is_inked(memory: Array, cell: int) -> bool:
     return (int(memory[cell // BITS]) >> (cell % BITS)) & 1 == 1
+
+
+@njit(cache=True)
+def _changed(memory: Array, read: Array) -> bool:
+    """Whether the memory differs from what was read before; reads it."""
+    changed = False
+    for i in range(memory.size):
+        if memory[i] != read[i]:
+            read[i] = memory[i]
+            changed = True
+    return changed
 
 
 @njit(cache=True)
@@ -149,11 +163,28 @@ def draw(
     if pressed[0] < threshold:
         return
     for board in range(memories.shape[0]):
-        x = y = z = 0.0
-        for i in range(3):
-            offset = tip[i] - origins[board, i]
-            x += axes[board, 3 * i] * offset
-            y += axes[board, 3 * i + 1] * offset
-            z += axes[board, 3 * i + 2] * offset
+        x, y, z = _on_board(tip, origins[board], axes[board])
         if abs(z) < reach:
             mark(memories[board], x, y)
+
+
+@njit(cache=True)
+def clearance(tip: Array, origins: Array, axes: Array) -> float:
+    """Height of a point over the board that it is over, infinite beside all boards [m]; arguments as of `draw`."""
+    lowest = np.inf
+    for board in range(origins.shape[0]):
+        x, y, z = _on_board(tip, origins[board], axes[board])
+        if abs(x) < HALF_SIZE[0] and abs(y) < HALF_SIZE[1]:
+            lowest = min(lowest, z)
+    return lowest
+
+
+@njit(cache=True)
+def _on_board(point: Array, origin: Array, axes: Array) -> tuple[float, float, float]:
+    x = y = z = 0.0
+    for i in range(3):
+        offset = point[i] - origin[i]
+        x += axes[3 * i] * offset
+        y += axes[3 * i + 1] * offset
+        z += axes[3 * i + 2] * offset
+    return x, y, z

@@ -138,26 +138,18 @@ class WhiteboardEnv(ManipulationEnv):
         self._friction[0] = self.between(rng, 0.1, 0.3)
 
     def after_physics(self) -> None:
-        """Read what is written."""
+        """Read what is written, and see whether the pen is off."""
         self._tallies = [board.tally() for board in self._ink]
         self._total = self._tallies[0] + self._tallies[1]
-
-    def _lifted(self) -> bool:
-        return all(self._above(i) > LIFTED for i in range(len(self.frames)))
-
-    def _above(self, i: int) -> float:
-        """Height of the tip over a board, infinite beside it [m]."""
-        x, y, z = self._axes[i].reshape(3, 3).T @ (self._tip - self._origins[i])
-        beside = abs(x) > ink.HALF_SIZE[0] or abs(y) > ink.HALF_SIZE[1]
-        return math.inf if beside else float(z) - TIP_RADIUS
+        self._lifted = ink.clearance(self._tip, self._origins, self._axes) > LIFTED + TIP_RADIUS
 
     def succeeded(self) -> bool:
         """Both words stand there, with little ink beside them, and the pen is off the boards."""
-        return _enough(self._total) and self._lifted()
+        return _enough(self._total) and self._lifted
 
     def subtask_flags(self) -> tuple[bool, ...]:
         """First word, second word, lifted."""
-        return _enough(self._tallies[0]), _enough(self._tallies[1]), self._lifted()
+        return _enough(self._tallies[0]), _enough(self._tallies[1]), self._lifted
 
     def measures(self) -> dict[str, float]:
         """Coverage and precision."""
@@ -167,7 +159,7 @@ class WhiteboardEnv(ManipulationEnv):
         """Reach, write, lift."""
         unfinished = next((i for i, tally in enumerate(self._tallies) if not _enough(tally)), None)
         if unfinished is None:
-            return 0.85 + 0.1 * self._lifted()
+            return 0.85 + 0.1 * self._lifted
         reach = tolerance(math.dist(self._tip, self._origins[unfinished]), (0.0, 0.08), margin=0.3)
         return float(0.1 * reach + 0.75 * self._total.coverage * self._total.precision)
 
