@@ -49,8 +49,8 @@ class BoxFlippingTeacher(ScriptedTeacher):
     """
 
     primitives = (
-        primitive(0, "approach box", (0, "obstacle_edge", POSITION), (0, "world", POSITION), (0, True)),
-        primitive(1, "push box", (1, "obstacle_edge", POSITION), (0, "world", HOLD), (0, True)),
+        primitive("approach box", (0, "obstacle_edge", POSITION), (0, "world", POSITION), (0, True)),
+        primitive("push box", (1, "obstacle_edge", POSITION), (0, "world", HOLD), (0, True)),
         Primitive(
             "flip box",
             EntityControl(2, "obstacle_edge", "cylindrical", ("force", "position", "position")),

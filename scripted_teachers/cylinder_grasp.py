@@ -49,16 +49,16 @@ class CylinderGraspTeacher(ScriptedTeacher):
     """
 
     primitives = (
-        primitive(0, "approach initial", (0, "world", POSITION), (0, "world", POSITION), (0, True)),
-        primitive(1, "approach top", (1, "cylinder_top", POSITION), (0, "world", HOLD), (0, True)),
-        primitive(2, "approach bottom", (2, "cylinder_bottom", POSITION), (0, "world", HOLD), (0, True)),
-        primitive(3, "approach for power", (3, "cylinder", POSITION), (1, "cylinder", POSITION), (0, True)),
-        primitive(4, "approach for power, turned", (3, "cylinder", POSITION), (2, "cylinder", POSITION), (0, True)),
-        primitive(5, "approach for pinch", (3, "cylinder", POSITION), (3, "cylinder", POSITION), (1, True)),
-        primitive(6, "approach for pinch, turned", (3, "cylinder", POSITION), (4, "cylinder", POSITION), (1, True)),
-        primitive(7, "power grasp", (3, "world", HOLD), (0, "world", HOLD), (2, True)),
-        primitive(8, "pinch", (3, "world", HOLD), (0, "world", HOLD), (3, True)),
-        primitive(9, "lift", (4, "world", ("hold", "hold", "position")), (0, "world", HOLD), (2, False)),
+        primitive("approach initial", (0, "world", POSITION), (0, "world", POSITION), (0, True)),
+        primitive("approach top", (1, "cylinder_top", POSITION), (0, "world", HOLD), (0, True)),
+        primitive("approach bottom", (2, "cylinder_bottom", POSITION), (0, "world", HOLD), (0, True)),
+        primitive("approach for power", (3, "cylinder", POSITION), (1, "cylinder", POSITION), (0, True)),
+        primitive("approach for power, turned", (3, "cylinder", POSITION), (2, "cylinder", POSITION), (0, True)),
+        primitive("approach for pinch", (3, "cylinder", POSITION), (3, "cylinder", POSITION), (1, True)),
+        primitive("approach for pinch, turned", (3, "cylinder", POSITION), (4, "cylinder", POSITION), (1, True)),
+        primitive("power grasp", (3, "world", HOLD), (0, "world", HOLD), (2, True)),
+        primitive("pinch", (3, "world", HOLD), (0, "world", HOLD), (3, True)),
+        primitive("lift", (4, "world", ("hold", "hold", "position")), (0, "world", HOLD), (2, False)),
     )
 
     def script(self) -> Iterator[Movement]:

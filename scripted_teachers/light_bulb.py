@@ -40,13 +40,13 @@ class LightBulbTeacher(ScriptedTeacher):
     """
 
     primitives = (
-        primitive(0, "approach initial", (0, "world", POSITION), (0, "world", POSITION), (0, False)),
-        primitive(1, "approach bulb", (1, "bulb_holder", POSITION), (1, "world", HOLD), (1, True)),
-        primitive(2, "close hand", (1, "bulb_holder", POSITION), (1, "world", HOLD), (2, True)),
-        primitive(3, "unscrew", (2, "bulb_holder", FORCE), (2, "world", POSITION), (2, True)),
-        primitive(4, "open hand", (3, "world", HOLD), (1, "world", HOLD), (1, True)),
-        primitive(5, "rotate wrist back", (1, "bulb_holder", POSITION), (3, "world", POSITION), (1, True)),
-        primitive(6, "approach box", (4, "box", POSITION), (1, "world", HOLD), (2, True)),
+        primitive("approach initial", (0, "world", POSITION), (0, "world", POSITION), (0, False)),
+        primitive("approach bulb", (1, "bulb_holder", POSITION), (1, "world", HOLD), (1, True)),
+        primitive("close hand", (1, "bulb_holder", POSITION), (1, "world", HOLD), (2, True)),
+        primitive("unscrew", (2, "bulb_holder", FORCE), (2, "world", POSITION), (2, True)),
+        primitive("open hand", (3, "world", HOLD), (1, "world", HOLD), (1, True)),
+        primitive("rotate wrist back", (1, "bulb_holder", POSITION), (3, "world", POSITION), (1, True)),
+        primitive("approach box", (4, "box", POSITION), (1, "world", HOLD), (2, True)),
     )
 
     def script(self) -> Iterator[Movement]:

@@ -23,13 +23,13 @@ class MoveObjectTeacher(ScriptedTeacher):
     """
 
     primitives = (
-        primitive(0, "approach initial", (0, "world", POSITION), (0, "world", POSITION), (0, True)),
-        primitive(1, "approach object", (1, "object", POSITION), (0, "world", HOLD), (0, True)),
-        primitive(2, "grasp", (1, "object", HOLD), (0, "world", HOLD), (1, True)),
-        primitive(3, "lift", (2, "world", ("hold", "hold", "position")), (0, "world", HOLD), (1, True)),
-        primitive(4, "carry to target", (3, "target", POSITION), (0, "world", HOLD), (1, True)),
-        primitive(5, "release", (3, "target", HOLD), (0, "world", HOLD), (0, True)),
-        primitive(6, "withdraw", (4, "world", POSITION), (0, "world", POSITION), (0, True)),
+        primitive("approach initial", (0, "world", POSITION), (0, "world", POSITION), (0, True)),
+        primitive("approach object", (1, "object", POSITION), (0, "world", HOLD), (0, True)),
+        primitive("grasp", (1, "object", HOLD), (0, "world", HOLD), (1, True)),
+        primitive("lift", (2, "world", ("hold", "hold", "position")), (0, "world", HOLD), (1, True)),
+        primitive("carry to target", (3, "target", POSITION), (0, "world", HOLD), (1, True)),
+        primitive("release", (3, "target", HOLD), (0, "world", HOLD), (0, True)),
+        primitive("withdraw", (4, "world", POSITION), (0, "world", POSITION), (0, True)),
     )
 
     def script(self) -> Iterator[Movement]:

@@ -41,14 +41,12 @@ POSITION, HOLD, FORCE = ("position",) * 3, ("hold",) * 3, ("position", "position
 
 
 def primitive(
-    index: int,
     name: str,
     position: tuple[int, str, tuple[str, ...]],
     orientation: tuple[int, str, tuple[str, ...]],
     hand: tuple[int, bool],
 ) -> Primitive:
     """A row of a primitive table: per entity its own primitive id, frame and controlled axes; `hand` = (id, moves)."""
-    del index
     return Primitive(
         name,
         EntityControl(position[0], position[1], "cartesian", position[2]),
