@@ -29,14 +29,14 @@ def _primitives(level: int, name: str) -> tuple[Primitive, ...]:
     own, yellow = (level, box, POSITION), (3, "box_yellow", POSITION)
     kept = (3, "box_yellow", HOLD)
     return (
-        primitive(ABOVE, f"move over {name}", (level, box, ACROSS), own, (0, True)),
-        primitive(LOWER, f"lower to {name}", own, own, (0, True)),
-        primitive(GRASP, f"grasp {name}", (level, box, HOLD), (level, box, HOLD), (1, True)),
-        primitive(LIFT, f"lift {name}", (high, "box_yellow", UPWARD), (level, box, HOLD), (1, True)),
-        primitive(CARRY, f"align {name} over stack", (high, "box_yellow", POSITION), yellow, (1, True)),
-        primitive(STACK, f"put {name} on stack", (low, "box_yellow", POSITION), yellow, (1, True)),
-        primitive(RELEASE, f"release {name}", (low, "box_yellow", HOLD), kept, (0, True)),
-        primitive(WITHDRAW, f"withdraw from {name}", (high, "box_yellow", POSITION), kept, (0, True)),
+        primitive(f"move over {name}", (level, box, ACROSS), own, (0, True)),
+        primitive(f"lower to {name}", own, own, (0, True)),
+        primitive(f"grasp {name}", (level, box, HOLD), (level, box, HOLD), (1, True)),
+        primitive(f"lift {name}", (high, "box_yellow", UPWARD), (level, box, HOLD), (1, True)),
+        primitive(f"align {name} over stack", (high, "box_yellow", POSITION), yellow, (1, True)),
+        primitive(f"put {name} on stack", (low, "box_yellow", POSITION), yellow, (1, True)),
+        primitive(f"release {name}", (low, "box_yellow", HOLD), kept, (0, True)),
+        primitive(f"withdraw from {name}", (high, "box_yellow", POSITION), kept, (0, True)),
     )
 
 
