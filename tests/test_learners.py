@@ -1,0 +1,112 @@
+"""What every learner in the registry and its skill keep, on demonstrations of the simulated robot."""
+
+import dataclasses
+import hashlib
+
+import numpy as np
+import pytest
+
+from lfd_gym.demonstration import Demonstration
+from lfd_gym.evaluation import evaluate
+from lfd_gym.recording import record
+from lfd_gym.registry import look_up, make
+from lfd_gym.wrappers import SeededEpisodes
+from policies import LEARNERS, load_skill
+from scripted_teachers.move_object import MoveObjectTeacher
+
+ENV_ID, FIRST_SEED = "lfd_gym/MoveObject-v0", 200000
+
+
+@pytest.fixture(scope="module")
+def taught() -> list[Demonstration]:
+    return record(ENV_ID, MoveObjectTeacher(noise=1.0), n=3, seed=7).demonstrations
+
+
+@pytest.fixture(scope="module", params=LEARNERS)
+def method(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def skill(method: str, taught: list[Demonstration]):
+    return look_up(LEARNERS, "method", method)().fit(taught).skill_
+
+
+def actions_of(skill, observations: list[dict[str, np.ndarray]]) -> np.ndarray:
+    state, actions = None, []
+    for i, observation in enumerate(observations):
+        action, state = skill.predict(observation, state=state, episode_start=np.array([i == 0]))
+        actions.append(action)
+    return np.array(actions)
+
+
+def seen(demonstration: Demonstration) -> list[dict[str, np.ndarray]]:
+    return [{k: v[t] for k, v in demonstration.observations.items()} for t in range(len(demonstration))]
+
+
+def digest(demonstrations: list[Demonstration]) -> str:
+    total = hashlib.sha256()
+    for demonstration in demonstrations:
+        for name in sorted(demonstration.observations):
+            total.update(demonstration.observations[name].tobytes())
+        total.update(demonstration.actions.tobytes() + demonstration.labels.tobytes())
+    return total.hexdigest()
+
+
+def test_fit_reads_only_what_was_measured(method: str, skill, taught: list[Demonstration]) -> None:
+    """Actions, references, states and setup are where the answer could be read off: NaN there changes nothing."""
+    blind = [
+        dataclasses.replace(
+            demonstration,
+            actions=np.full_like(demonstration.actions, np.nan),
+            states=np.full_like(demonstration.states, np.nan),
+            setup={},
+            observations={
+                k: np.full_like(v, np.nan) if k.startswith("reference_") else v
+                for k, v in demonstration.observations.items()
+            },
+        )
+        for demonstration in taught
+    ]
+    other = look_up(LEARNERS, "method", method)().fit(blind).skill_
+    assert np.array_equal(actions_of(other, seen(taught[0])), actions_of(skill, seen(taught[0])))
+
+
+def test_fit_leaves_its_input_untouched_and_twice_is_once(method: str, skill, taught: list[Demonstration]) -> None:
+    before = digest(taught)
+    learner = look_up(LEARNERS, "method", method)()
+    assert learner.fit(taught) is learner
+    learner.fit(taught)
+    assert digest(taught) == before
+    assert np.array_equal(actions_of(learner.skill_, seen(taught[1])), actions_of(skill, seen(taught[1])))
+
+
+def test_a_skill_survives_its_file(skill, taught: list[Demonstration], tmp_path) -> None:
+    skill.save(tmp_path / "skill.npz")
+    loaded = load_skill(tmp_path / "skill.npz")
+    assert loaded.env_id == ENV_ID
+    assert tuple(loaded.taught_seeds) == tuple(demonstration.seed["reset"] for demonstration in taught)
+    assert np.array_equal(actions_of(loaded, seen(taught[2])), actions_of(skill, seen(taught[2])))
+
+
+def test_stable_baselines_judges_a_skill_as_evaluate_does(skill) -> None:
+    pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
+    from stable_baselines3.common.evaluation import evaluate_policy
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    worlds = [lambda i=i: SeededEpisodes(make(ENV_ID), FIRST_SEED + i) for i in range(4)]
+    rewards, lengths = evaluate_policy(
+        skill, DummyVecEnv(worlds), n_eval_episodes=4, return_episode_rewards=True, warn=False
+    )
+    report = evaluate(ENV_ID, skill, episodes=4, seed=FIRST_SEED)
+    ours = sorted((episode.return_, episode.steps) for episode in report.episodes)
+    assert sorted(zip(rewards, lengths, strict=True)) == ours
+    assert report.success_rate >= 0.75
+
+
+def test_the_same_skill_is_learned_from_the_file(method: str, skill, taught: list[Demonstration], tmp_path) -> None:
+    from lfd_gym.demonstration import load_demonstrations, save_demonstrations
+
+    save_demonstrations(tmp_path / "demos.h5", taught)
+    other = look_up(LEARNERS, "method", method)().fit(load_demonstrations(tmp_path / "demos.h5")).skill_
+    assert np.array_equal(actions_of(other, seen(taught[0])), actions_of(skill, seen(taught[0])))
