@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 THREADS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint bench mutants clean
+.PHONY: demo test test-slow lint bench pictures mutants clean
 
 demo: $(VENV)/installed
 	$(BIN)/lfd-gym demo --out report
@@ -23,6 +23,14 @@ lint: $(VENV)/installed-dev
 
 bench: $(VENV)/installed
 	$(THREADS) $(BIN)/lfd-gym bench
+
+pictures: $(VENV)/installed
+	$(BIN)/lfd-gym render teacher light-bulb --noise 0 --seed 100003 --at 8 --out results/pictures/light-bulb.png --set camera=close
+	$(BIN)/lfd-gym render teacher move-object --noise 0 --seed 100003 --at 6.5 --out results/pictures/move-object.png
+	$(BIN)/lfd-gym render teacher box-stacking --noise 0 --seed 100003 --at 42 --out results/pictures/box-stacking.png
+	$(BIN)/lfd-gym render teacher box-flipping --noise 0 --seed 100003 --at 6 --out results/pictures/box-flipping.png
+	$(BIN)/lfd-gym render teacher whiteboard --noise 0 --seed 100003 --at 20 --out results/pictures/whiteboard.png
+	$(BIN)/lfd-gym render teacher cylinder-grasp --noise 0 --seed 100003 --at 6 --out results/pictures/cylinder-grasp.png
 
 mutants: $(VENV)/installed-dev
 	$(THREADS) $(BIN)/python tests/mutants.py
