@@ -9,7 +9,7 @@ import numpy as np
 from numba import typeof
 from numpy.typing import ArrayLike, NDArray
 
-from lfd_gym import controller, quaternion, servo, wam
+from lfd_gym import controller, quaternion, records, sensing, servo, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.guidance import Impedance
@@ -42,9 +42,9 @@ class Robot:
         stiffness: float = 900.0,
     ) -> None:
         self.model, self.data, self.layout = model, data, layout
-        self._settings = np.zeros(1, servo.SETTINGS)
-        self._command = np.zeros(1, servo.COMMAND)
-        self._memory = np.zeros(1, servo.MEMORY)
+        self._settings = np.zeros(1, records.SETTINGS)
+        self._command = np.zeros(1, records.COMMAND)
+        self._memory = np.zeros(1, records.MEMORY)
         self._handles = wam.handles(model, data, tool)
         self._write_settings(tool, stiffness)
         self._frames = np.array([model.body(name).id for name in frames], dtype=np.int64)
@@ -52,7 +52,7 @@ class Robot:
         self._bind()
         self._site = data.site(f"{tool}/tool")
         self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
-        self.state_size = servo.MEMORY.itemsize // 8
+        self.state_size = records.MEMORY.itemsize // 8
 
     def _write_settings(self, tool: str, stiffness: float) -> None:
         n, s, model = wam.N_JOINTS, self._settings[0], self.model
@@ -78,20 +78,20 @@ class Robot:
     def _bind(self) -> None:
         """Bind the compiled functions to this simulation's arrays, past Numba's type dispatch, which costs as much again."""
         mujoco.mj_forward(self.model, self.data)
-        records, arrays, layout = (self._settings, self._command, self._memory), self._handles.arguments, self.layout
+        state, arrays, layout = (self._settings, self._command, self._memory), self._handles.arguments, self.layout
         data = self.data
         guided = data.xipos[self._guided_link], data.xfrc_applied[self._guided_link], Impedance()
-        self.tick = _bound(servo.tick, *records, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
+        self.tick = _bound(servo.tick, *state, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
         """One step of the controller."""
         scales = (layout.workspace_low, layout.workspace_high, layout.rotation_limit, layout.force_limit)
         hand = (layout.hand_low, layout.hand_high)
         self._set_goal = _bound(
             servo.command, self._command, *scales, *hand, layout.reference_quaternion, call=(np.zeros(layout.size),)
         )
-        n = sum(size for _, size in servo.measurements(self._handles.hand_addresses.size))
+        n = sum(size for _, size in sensing.measurements(self._handles.hand_addresses.size))
         bodies = (data.xpos, data.xquat, self._frames, layout.reference_quaternion)
         self._measure = _bound(
-            servo.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
+            sensing.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
             *bodies, call=(np.zeros(n + 7 * self._frames.size),),
         )  # fmt: skip
 

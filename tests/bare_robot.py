@@ -88,7 +88,7 @@ class BareRobot:
 
     @property
     def memory(self) -> Any:
-        """The controller's state: a record of `servo.MEMORY`."""
+        """The controller's state: a record of `records.MEMORY`."""
         return self.robot._memory[0]
 
     def stand(self, arm: np.ndarray) -> None:

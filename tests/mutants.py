@@ -127,14 +127,14 @@ MUTANTS = (
     ),
     Mutant(
         "the wrench is what the tool exerts",
-        "lfd_gym/servo.py",
+        "lfd_gym/sensing.py",
         "wrench[i] = -force - mass * gravity[i]",
         "wrench[i] = force + mass * gravity[i]",
         "tests/test_wam.py",
     ),
     Mutant(
         "two frames swapped",
-        "lfd_gym/servo.py",
+        "lfd_gym/sensing.py",
         "    for body in frames:",
         "    for body in frames[::-1]:",
         "tests/test_environments.py -k places_what",

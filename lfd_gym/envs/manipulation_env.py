@@ -138,8 +138,6 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.robot = Robot(self.model, self.data, self.tool, self.layout, self.frames, self.stiffness)
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
-        if self.perturbation.slip:
-            self.vary(*(self.model.geom_friction[i, 0:1] for i in self._tips))
         self._hidden = np.zeros(self.n_hidden)
         self._broken = False
         self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
@@ -331,11 +329,13 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         if self._randomised:
             mujoco.mj_setConst(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, physics, _STATE)
+        self._schedule.state[:] = schedule
+        if self._schedule.acts:
+            self._perturb()
         mujoco.mj_step1(self.model, self.data)
         self.data.sensordata[:] = sensors
         self.robot.set_state(robot)
         self._hidden[:], self._held = hidden, float(held[0])
-        self._schedule.state[:] = schedule
         self.after_physics()
         random_state.unpack(self.np_random, rng)
 
@@ -412,8 +412,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.robot.push(arm)
         if self._pushed:
             self.data.xfrc_applied[self._pushed[0], :3] = thing
-        friction = SLIPPERY if schedule.slips(time) else self._tip_friction
-        self.model.geom_friction[self._tips, 0] = friction
+        slips = schedule.slips(time)
+        self.model.geom_friction[self._tips, 0] = SLIPPERY if slips else self._tip_friction
+        self.model.geom_priority[self._tips] = 2 if slips else 0
 
     def _info(self, holds: bool) -> dict[str, Any]:
         success = holds and self._held >= HOLD_TIME - 1e-9
