@@ -1,5 +1,6 @@
 """Whiteboard: an alphabet of strokes, ink as a physical law, and words that a pen writes on boards."""
 
+import pickle
 import string
 
 import numpy as np
@@ -189,6 +190,12 @@ def test_a_reset_wipes_the_boards(env):
     _, info = env.reset(seed=SEED)
     assert info["coverage"] == info["precision"] == 0.0
     assert not env._hidden.any()
+
+
+def test_a_copy_is_asked_for_the_same_words():
+    original = WhiteboardEnv(words=("AB", "C"), control_hz=25.0)
+    twin = pickle.loads(pickle.dumps(original))
+    assert (twin.words, twin.dt) == (("AB", "C"), 0.04)
 
 
 @pytest.mark.parametrize("words", [("MA", "XYZ"), ("ROBOTS", "Q")])

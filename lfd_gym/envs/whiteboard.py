@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from dm_control.utils.rewards import tolerance
+from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from lfd_gym import alphabet, ink, quaternion, wam
@@ -90,6 +91,7 @@ class WhiteboardEnv(ManipulationEnv):
         self.words = tuple(words)
         self._strokes = [alphabet.strokes(word) for word in self.words]
         super().__init__(**kwargs)
+        EzPickle.__init__(self, self.words, **kwargs)
 
     def build(self) -> None:
         """Find tip and boards; lay out the ink."""
