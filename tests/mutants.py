@@ -137,7 +137,7 @@ MUTANTS = (
         "lfd_gym/sensing.py",
         "    for body in frames:",
         "    for body in frames[::-1]:",
-        "tests/test_environments.py -k places_what",
+        "tests/test_environments.py -k object_of_its_name",
     ),
     Mutant(
         "a hidden quantity in the observation",

@@ -330,6 +330,13 @@ def test_a_reset_places_what_the_options_ask(env: Any) -> None:
         np.testing.assert_array_equal(tracked(env, got), tracked(env, wanted))
 
 
+def test_a_frame_is_where_the_object_of_its_name_stands(env: Any) -> None:
+    for seed in (21, 22):
+        observation, _ = env.reset(seed=seed)
+        for name in set(env.frames) & set(env.setup()):
+            np.testing.assert_allclose(observation[f"frame_{name}"][:2], env.setup()[name]["position"], atol=1e-9)
+
+
 def test_objects_that_are_not_named_stand_around_those_that_are(env: Any) -> None:
     env.reset(seed=24)
     name, pose = next(iter(env.setup().items()))
