@@ -7,7 +7,7 @@
 | speed | x 0.6-1.5, log-uniform | the same |
 | path | bowed sideways by up to 10 % of its length | the same |
 | pause after a movement | 0.2-1.0 s | the same |
-| stopped early | one movement in ten, 5-15 % before its end | never |
+| stopped early | one movement in ten, after 85-95 % of its time | never |
 | pull | 5-15 N | |
 | thresholds that end a movement | +- 20 % | the same |
 
@@ -45,7 +45,7 @@ class Variation(NamedTuple):
     pause: float
     """Rest after the movement [s]."""
     completeness: float
-    """Fraction of the path that is travelled; 1 unless stopped early."""
+    """Fraction of the time of the path after which it ends; 1 unless stopped early."""
     threshold: float
     """Factor on the thresholds that end the movement."""
 
