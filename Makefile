@@ -27,7 +27,7 @@ bench: $(VENV)/installed
 pictures: $(VENV)/installed
 	$(BIN)/lfd-gym render teacher light-bulb --noise 0 --seed 100003 --at 8 --out results/pictures/light-bulb.png --set camera=close
 	$(BIN)/lfd-gym render teacher move-object --noise 0 --seed 100003 --at 6.5 --out results/pictures/move-object.png
-	$(BIN)/lfd-gym render teacher box-stacking --noise 0 --seed 100003 --at 42 --out results/pictures/box-stacking.png
+	$(BIN)/lfd-gym render teacher box-stacking --noise 0 --seed 100003 --at 32 --out results/pictures/box-stacking.png
 	$(BIN)/lfd-gym render teacher box-flipping --noise 0 --seed 100003 --at 6 --out results/pictures/box-flipping.png
 	$(BIN)/lfd-gym render teacher whiteboard --noise 0 --seed 100003 --at 20 --out results/pictures/whiteboard.png
 	$(BIN)/lfd-gym render teacher cylinder-grasp --noise 0 --seed 100003 --at 6 --out results/pictures/cylinder-grasp.png
