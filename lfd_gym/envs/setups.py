@@ -55,7 +55,7 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
         return {name: {key: _plain(value) for key, value in pose.items()} for name, pose in setup.items()}
     fault, times = faults.most_common(1)[0]
     # what is wrong with the named objects themselves is wrong again and again
-    raise InvalidSetupError(fault if times > 1 else "no room for the objects that the setup does not name")
+    raise InvalidSetupError(fault if times > 1 else f"no room for what the setup does not name: for example, {fault}")
 
 
 def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
