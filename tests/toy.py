@@ -68,7 +68,7 @@ class PointTeacher:
         ),
     )
 
-    def __init__(self, noise: float = 1.0, gives_up: bool = False) -> None:
+    def __init__(self, noise: float = 1.0, mode: str = "commanded", gives_up: bool = False) -> None:
         self.noise, self.gives_up = noise, gives_up
 
     def reset(self, rng: np.random.Generator, layout: Layout, dt: float) -> None:
