@@ -64,7 +64,7 @@ def test_gymnasiums_checker_is_content(env: Any) -> None:
 
 
 def test_stable_baselines_checker_is_content(env: Any) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="the rl extra is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         checker.check_env(make(env.spec.id), warn=True, skip_render_check=True)
@@ -206,7 +206,7 @@ def test_gymnasium_vectors_are_two_single_environments(env: Any, mode: str) -> N
 
 
 def test_stable_baselines_runs_two_in_processes(env: Any) -> None:
-    vectors = pytest.importorskip("stable_baselines3.common.vec_env")
+    vectors = pytest.importorskip("stable_baselines3.common.vec_env", reason="the rl extra is not installed")
     vector = vectors.SubprocVecEnv([lambda: gymnasium.make(env.spec.id)] * 2, start_method="fork")
     try:
         vector.seed(7)
