@@ -9,8 +9,8 @@ from dm_control.utils.rewards import tolerance
 
 from lfd_gym import wam
 from lfd_gym.action import ActionLayout
+from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
-from lfd_gym.errors import InvalidSetupError
 
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.30]), np.array([0.73, 0.30])
 """Where holder and box may stand, x and y [m]."""
@@ -94,24 +94,11 @@ class LightBulbEnv(ManipulationEnv):
 
     def sample_setup(self, rng: np.random.Generator) -> dict[str, Any]:
         """Uniform in the area, by rejection of pairs that are too close."""
-        while True:
-            places = rng.uniform(AREA_LOW, AREA_HIGH, (2, 2))
-            if np.linalg.norm(places[0] - places[1]) >= MIN_DISTANCE:
-                yaws = rng.uniform(-math.pi, math.pi, 2)
-                return {
-                    name: {"position": place.tolist(), "yaw": float(yaw)}
-                    for name, place, yaw in zip(self.frames, places, yaws, strict=True)
-                }
+        return setups.apart(rng, self.frames, AREA_LOW, AREA_HIGH, MIN_DISTANCE)
 
     def check_setup(self, setup: Mapping[str, Any]) -> None:
         """Both in the area and apart."""
-        for name in self.frames:
-            self.within(name, setup[name]["position"], AREA_LOW, AREA_HIGH)
-        distance = np.linalg.norm(np.subtract(setup["bulb_holder"]["position"], setup["box"]["position"]))
-        if distance < MIN_DISTANCE - 1e-9:
-            raise InvalidSetupError(
-                f"bulb_holder and box are {distance:.3f} m apart; possible: at least {MIN_DISTANCE} m"
-            )
+        setups.check_apart(setup, AREA_LOW, AREA_HIGH, MIN_DISTANCE)
 
     def place(self, setup: Mapping[str, Any]) -> None:
         """Holder and box stand on the table, the bulb is screwed in."""

@@ -1,11 +1,11 @@
 """Setups: where the objects stand at a reset, as `{object: {"position": [x, y], "yaw": angle, ...}}`."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym.errors import InvalidSetupError
 
@@ -56,6 +56,34 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
     fault, times = faults.most_common(1)[0]
     # what is wrong with the named objects themselves is wrong again and again
     raise InvalidSetupError(fault if times > 1 else f"no room for what the setup does not name: for example, {fault}")
+
+
+def apart(
+    rng: np.random.Generator,
+    names: Sequence[str],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    distance: float,
+) -> Setup:
+    """Two objects uniform in an area (x, y) [m], any yaw, by rejection of pairs that are closer than a distance [m]."""
+    while True:
+        places = rng.uniform(low, high, (2, 2))
+        if np.linalg.norm(places[0] - places[1]) >= distance:
+            yaws = rng.uniform(-np.pi, np.pi, 2)
+            return {
+                name: {"position": place.tolist(), "yaw": float(yaw)}
+                for name, place, yaw in zip(names, places, yaws, strict=True)
+            }
+
+
+def check_apart(setup: Mapping[str, Any], low: ArrayLike, high: ArrayLike, distance: float) -> None:
+    """Raise InvalidSetupError unless both objects are in their area and apart."""
+    for name, pose in setup.items():
+        within(name, pose["position"], low, high)
+    (one, a), (other, b) = setup.items()
+    between = float(np.linalg.norm(np.subtract(a["position"], b["position"])))
+    if between < distance - 1e-9:
+        raise InvalidSetupError(f"{one} and {other} are {between:.3f} m apart; possible: at least {distance} m")
 
 
 def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
