@@ -49,8 +49,8 @@ class Robot:
         self._write_settings(tool, stiffness)
         self._frames = np.array([model.body(name).id for name in frames], dtype=np.int64)
         self._guided_link, self._pushed_link = model.body("wam_link_7").id, model.body("wam_link_5").id
-        self._bind()
         self._site = data.site(f"{tool}/tool")
+        self._bind()
         self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
         self.state_size = records.MEMORY.itemsize // 8
 
@@ -80,7 +80,8 @@ class Robot:
         mujoco.mj_forward(self.model, self.data)
         state, arrays, layout = (self._settings, self._command, self._memory), self._handles.arguments, self.layout
         data = self.data
-        guided = data.xipos[self._guided_link], data.xfrc_applied[self._guided_link], Impedance()
+        hand_on_tool = Impedance().holding(self._mobility(), self.model.opt.timestep)
+        guided = data.xipos[self._guided_link], data.xfrc_applied[self._guided_link], hand_on_tool
         self.tick = _bound(servo.tick, *state, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
         """One step of the controller."""
         scales = (layout.workspace_low, layout.workspace_high, layout.rotation_limit, layout.force_limit)
@@ -94,6 +95,17 @@ class Robot:
             sensing.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
             *bodies, call=(np.zeros(n + 7 * self._frames.size),),
         )  # fmt: skip
+
+    def _mobility(self) -> Array:
+        """How easily the guided link moves along and turns about the tool's axes at home (6,): diagonal of J M^-1 J^T."""
+        model, data = self.model, mujoco.MjData(self.model)
+        data.qpos[: wam.N_JOINTS] = wam.HOME
+        mujoco.mj_forward(model, data)
+        jacobian, solved = np.zeros((6, model.nv)), np.zeros((6, model.nv))
+        mujoco.mj_jacBodyCom(model, data, jacobian[:3], jacobian[3:], self._guided_link)
+        jacobian = np.kron(np.eye(2), data.site_xmat[self._site.id].reshape(3, 3).T) @ jacobian
+        mujoco.mj_solveM(model, data, solved, jacobian)
+        return np.einsum("ij,ij->i", jacobian, solved)
 
     def reset(self) -> None:
         """Stand in the home posture, hand open, reference at the tool, nothing commanded."""

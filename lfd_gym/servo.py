@@ -122,9 +122,7 @@ def tick(  # type: ignore[no-untyped-def]
         feed[i] += s.stiffness * error[i] + s.damping * (m.velocity[i] - m.tool_velocity[i]) + m.integral[i]
 
     if m.guided:
-        guidance.outside_hand(
-            memory, impedance, tool, quaternion.from_matrix_(tool_rotation), guided_link, guided_wrench
-        )
+        guidance.outside_hand(memory, impedance, tool, tool_rotation, guided_link, guided_wrench)
         guidance.follow(memory, tool, quaternion.from_matrix_(tool_rotation))
         for i in range(6):
             feed[i] = e_d[i] = e_f[i] = 0.0

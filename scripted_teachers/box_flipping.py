@@ -28,9 +28,11 @@ PUSHED = (0.172, 0.035)
 FINAL = (0.18, 0.30)
 LAST_ANGLE = np.radians(84.0)
 """The arc ends above the box that stands on its other face."""
-FLIP_SPEED = 0.6
+FLIP_SPEED = 0.35
 """Angular speed of the flip about the edge [rad/s]."""
 MAX_PRESS = 15.0
+FELT = 0.5
+"""The flip begins when this fraction of its press is felt."""
 APPROACH, PUSH, FLIP, WITHDRAW = range(4)
 
 
@@ -87,7 +89,14 @@ class BoxFlippingTeacher(ScriptedTeacher):
             goal = origin + axes @ np.array([radius * np.cos(wanted), radius * np.sin(wanted), along])
             return goal, -press * (axes @ np.array([np.cos(angle), np.sin(angle), 0.0]))
 
-        yield Movement(FLIP, path=flip, duration=(last - first) / FLIP_SPEED, hand=HAND, steady=True)
+        def waits(observation: Observation, progress: float) -> bool:
+            axes, _ = _edge(observation)
+            _, angle, _ = _cylindrical(observation)
+            felt = observation["wrench"][:3] @ axes @ np.array([np.cos(angle), np.sin(angle), 0.0])
+            return progress == 0.0 and bool(felt < FELT * press)
+
+        duration = (last - first) / FLIP_SPEED
+        yield Movement(FLIP, path=flip, duration=duration, waits=waits, hand=HAND, steady=True)
         yield Movement(WITHDRAW, position=_at(*FINAL), hand=HAND)
 
     def _facing(self) -> Array:

@@ -17,6 +17,8 @@ CORRECTION = 1.5
 """How fast a lasting error is corrected [1/s]."""
 REACH, TURN_REACH = 0.04, 0.4
 """How far the hand goes beyond where the tool shall be [m, rad]."""
+EFFORT = 4.0
+"""How much harder, or softer, the hand presses than it means to while it does not feel what it means to [N]."""
 TREMOR, TREMOR_FREQUENCY = 0.0005, 8.0
 """Amplitude of the tremor at noise 1 [m], and its frequency [Hz]."""
 
@@ -33,7 +35,7 @@ class OutsideHand:
     def __init__(self, rng: np.random.Generator, noise: float, dt: float) -> None:
         self._phases = rng.uniform(0.0, 2.0 * np.pi, 3)
         self._tremor, self._dt, self._time = noise * TREMOR, dt, 0.0
-        self._offset, self._turn = np.zeros(3), np.zeros(3)
+        self._offset, self._turn, self._effort = np.zeros(3), np.zeros(3), 0.0
         self._before: tuple[Array, Array] | None = None
 
     def guide(self, observation: Mapping[str, Array], position: Array, orientation: Array, force: Array) -> Array:
@@ -42,15 +44,21 @@ class OutsideHand:
         Args:
             observation: what the teacher sees.
             position, orientation: where the tool should be now.
-            force: what the hand shall exert beside [N]; zero means none.
+            force: what the tool shall exert on the world beside [N]; zero means none.
         """
         last_position, last_orientation = self._before or (position, orientation)
         self._before = position.copy(), orientation.copy()
         self._time += self._dt
         self._offset = _at_most(self._offset + CORRECTION * self._dt * (position - observation["tool_position"]), REACH)
-        if force.any():
-            d = force / np.linalg.norm(force)
+        strength = float(np.linalg.norm(force))
+        if strength > 0.0:
+            d = force / strength
             self._offset = self._offset - (self._offset @ d) * d
+            missing_force = strength + observation["wrench"][:3] @ d
+            self._effort = float(np.clip(self._effort + CORRECTION * self._dt * missing_force, -EFFORT, EFFORT))
+            force = (strength + self._effort) * d
+        else:
+            self._effort = 0.0
         missing = _rotation(observation["tool_quaternion"], orientation)
         self._turn = _at_most(self._turn + CORRECTION * self._dt * missing, TURN_REACH)
         shake = self._tremor * np.sin(2.0 * np.pi * TREMOR_FREQUENCY * self._time + self._phases)

@@ -81,7 +81,7 @@ class Movement:
     duration: float = SHORTEST
     """Of the clean movement along `path` [s]."""
     waits: Callable[[Observation, float], bool] | None = None
-    """The movement's clock stands still while true of (observation, fraction of the duration)."""
+    """The movement's clock stands still while true of (observation, fraction of the duration), for `PATIENCE` at a stretch."""
 
 
 class ScriptedTeacher:
@@ -165,11 +165,13 @@ class ScriptedTeacher:
             fastest,
         )
         rest = waited = reaction = 0.0
-        elapsed, arrived = 0.0, False
+        elapsed, stood, arrived = 0.0, 0.0, False
         hands = [self.observation.get("hand_position", np.empty(0)).copy()]
         while True:
-            if movement.waits is None or not movement.waits(self.observation, elapsed / duration):
-                elapsed += self.dt
+            if movement.waits is not None and movement.waits(self.observation, elapsed / duration) and stood < PATIENCE:
+                stood += self.dt
+            else:
+                elapsed, stood = elapsed + self.dt, 0.0
             progress = min(elapsed / duration, variation.completeness)
             s = minimum_jerk(progress)
             if movement.path is None:
