@@ -7,8 +7,9 @@ that take long to import are imported by the command that needs them, so that `-
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -17,6 +18,7 @@ from lfd_gym.errors import InvalidArgumentError, LfdGymError
 
 EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
 """Unseen setups of the demo, and the seed of the first one."""
+NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 INTERRUPTED = 130
 """Exit code of a command that was interrupted from the keyboard."""
 
@@ -116,10 +118,9 @@ def teach(
     from lfd_gym.recording import record
     from lfd_gym.registry import environment_id
 
-    env_id = environment_id(env)
-    demonstrations, discarded = record(
-        env_id, _teacher(env_id, noise, mode), n=n, seed=seed, env_kwargs=parse_settings(settings), progress=True
-    )
+    env_id, chosen = environment_id(env), parse_settings(settings)
+    teacher = _teacher(env_id, noise, mode, chosen)
+    demonstrations, discarded = record(env_id, teacher, n=n, seed=seed, env_kwargs=chosen, progress=True)
     save_demonstrations(out, demonstrations)
     print(f"{'demonstration':<15}{'seconds':>8}{'primitives':>12}")
     for demonstration in demonstrations:
@@ -171,9 +172,9 @@ def evaluate(
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import environment_id
 
-    env_id = environment_id(env)
-    policy = _policy(skill, env_id, noise, mode)
-    report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=parse_settings(settings), progress=True)
+    env_id, chosen = environment_id(env), parse_settings(settings)
+    policy = _policy(skill, env_id, noise, mode, chosen)
+    report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=chosen, progress=True)
     print(report.table())
     if json_path is not None:
         with written_whole(json_path) as temporary:
@@ -195,12 +196,12 @@ def render(
     from lfd_gym import rendering
     from lfd_gym.registry import environment_id, make
 
-    env_id = environment_id(env)
-    policy = _policy(skill, env_id, noise, mode)
+    env_id, chosen = environment_id(env), parse_settings(settings)
+    policy = _policy(skill, env_id, noise, mode, chosen)
     rendering.prepare()
     path = rendering.video_path(out)
-    chosen = {"width": 960, "height": 720} if path.suffix == ".png" else {}
-    world = make(env_id, render_mode="rgb_array", **(chosen | parse_settings(settings)))
+    size = {"width": 960, "height": 720} if path.suffix == ".png" else {}
+    world = make(env_id, render_mode="rgb_array", **(size | chosen))
     if path.suffix == ".png":
         rendering.write_picture(path, world, policy, seed, at)
         print(f"written to {path}")
@@ -268,13 +269,16 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
     return parsed
 
 
-def _teacher(env_id: str, noise: float, mode: str = "commanded") -> Any:
-    from lfd_gym.registry import look_up, task_id
+def _teacher(env_id: str, noise: float, mode: str = "commanded", settings: Mapping[str, Any] = NO_SETTINGS) -> Any:
+    """The teacher of an environment; settings of the environment that concern the teacher too, such as `words`, reach it."""
+    from lfd_gym.registry import arguments, look_up, task_id
     from scripted_teachers import TEACHERS
 
     if not (math.isfinite(noise) and noise >= 0.0):
         raise InvalidArgumentError(f"the noise is {noise:g}; it must be 0 or more (0 clean, 1 a human's)")
-    return look_up(TEACHERS, "teacher for", task_id(env_id))(noise=noise, mode=mode)
+    teacher = look_up(TEACHERS, "teacher for", task_id(env_id))
+    shared = {name: value for name, value in settings.items() if name in arguments(teacher)}
+    return teacher(noise=noise, mode=mode, **shared)
 
 
 def _learner(method: str, settings: dict[str, Any]) -> Any:
@@ -286,11 +290,13 @@ def _learner(method: str, settings: dict[str, Any]) -> Any:
     return learner(**settings)
 
 
-def _policy(skill: str, env_id: str, noise: float, mode: str = "commanded") -> Any:
+def _policy(
+    skill: str, env_id: str, noise: float, mode: str = "commanded", settings: Mapping[str, Any] = NO_SETTINGS
+) -> Any:
     from lfd_gym.rollout import RandomPolicy, TeacherPolicy
 
     if skill == "teacher":
-        return TeacherPolicy(_teacher(env_id, noise, mode))
+        return TeacherPolicy(_teacher(env_id, noise, mode, settings))
     if skill == "random":
         return RandomPolicy()
     from policies import load_skill

@@ -75,3 +75,19 @@ def test_episodes_have_the_seeds_that_evaluate_uses() -> None:
     plain = gymnasium.make("lfd_gym/MoveObject-v0")
     assert np.array_equal(first["frame_object"], plain.reset(seed=100000)[0]["frame_object"])
     assert np.array_equal(second["frame_object"], plain.reset(seed=100001)[0]["frame_object"])
+
+
+@pytest.mark.parametrize("env_id", ["box-flipping", "whiteboard"])
+def test_a_press_points_from_the_tool_to_what_is_pressed(env_id: str) -> None:
+    env = view(env_id)
+    world = env.unwrapped
+    observation, _ = world.reset(seed=100000)
+    action = np.zeros(env.action_space.shape)
+    action[env.controls.index("press")] = 0.5
+    force = world.action_layout.decode(env.native_action(action, observation)).force
+    assert np.linalg.norm(force) == pytest.approx(0.5 * world.action_layout.force_limit, rel=1e-3)
+    nearest = min(
+        (observation[f"frame_{f}"][:3] for f in world.frames),
+        key=lambda p: np.linalg.norm(p - observation["tool_position"]),
+    )
+    assert force @ (nearest - observation["tool_position"]) > 0.0

@@ -70,6 +70,7 @@ class WhiteboardEnv(ManipulationEnv):
     subtasks = ("word_1", "word_2", "lifted")
     time_limit = 60.0
     stiffness = 1600.0
+    controls = ("x", "y", "z", "press")
     n_hidden = 2 * ink.WORDS
     layout = ActionLayout(
         workspace_low=np.array([0.40, -0.47, 0.0]),
@@ -92,6 +93,13 @@ class WhiteboardEnv(ManipulationEnv):
         self._strokes = [alphabet.strokes(word) for word in self.words]
         super().__init__(**kwargs)
         EzPickle.__init__(self, self.words, **kwargs)
+
+    @classmethod
+    def press_direction(cls, observation: Mapping[str, Array]) -> Array:
+        """Into the board whose middle is nearest."""
+        boards = [observation[f"frame_{name}"] for name in cls.frames]
+        nearest = min(boards, key=lambda pose: math.dist(pose[:3], observation["tool_position"]))
+        return -quaternion.to_matrix(nearest[3:])[:, 2]
 
     def build(self) -> None:
         """Find tip and boards; lay out the ink."""
