@@ -3,7 +3,7 @@
 A primitive controls up to three entities, each in a frame of its own: position, orientation, hand. Its task-space
 coordinates x are (`N_COORDINATES`,):
 
-    x[POSITION]      tool position in the frame [m]
+    x[POSITION]      tool position in the frame, in the Cartesian or cylindrical coordinates of `task_space`
     x[ORIENTATION]   rotation vector r [rad] with R = exp(r) R_mean in axes of the frame; R_mean is the primitive's own
     x[HAND]          joint angles of spread and fingers [rad]
 
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from lfd_gym import quaternion
 from lfd_gym.demonstration import EntityControl, Primitive
 from lfd_gym.errors import DemonstrationError
+from policies import task_space
+from policies.task_space import POSITION_SPACES
 
 Array = NDArray[np.float64]
 
@@ -30,7 +32,7 @@ ENTITIES = {"position": POSITION, "orientation": ORIENTATION, "hand": HAND}
 HOLD, CONTROLLED, FORCE = 0, 1, 2
 """What a primitive does along one coordinate: nothing, reach a goal, or press."""
 MODES = {"hold": HOLD, "position": CONTROLLED, "force": FORCE}
-SPACES = {"position": ("cartesian",), "orientation": ("rotation",), "hand": ("joints",)}
+SPACES = {"position": POSITION_SPACES, "orientation": ("rotation",), "hand": ("joints",)}
 WORLD = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 """Pose of the world frame: position, quaternion."""
 
@@ -55,6 +57,8 @@ class PrimitiveTable(NamedTuple):
     """(K,) index into the frames."""
     orientation_frame: NDArray[np.int64]
     """(K,)."""
+    space: NDArray[np.int64]
+    """(K,) CARTESIAN or CYLINDRICAL, of the position."""
     modes: NDArray[np.int64]
     """(K, N_COORDINATES) of HOLD, CONTROLLED, FORCE."""
     frames: tuple[str, ...]
@@ -76,7 +80,8 @@ def primitive_table(primitives: Sequence[Primitive], observation_names: Sequence
     frames = ("world", *(name for name in tracked if name in used))
     position_frame = np.array([frames.index(p.position.frame) for p in primitives], dtype=np.int64)
     orientation_frame = np.array([frames.index(p.orientation.frame) for p in primitives], dtype=np.int64)
-    return PrimitiveTable(position_frame, orientation_frame, modes, frames)
+    space = np.array([POSITION_SPACES.index(p.position.space) for p in primitives], dtype=np.int64)
+    return PrimitiveTable(position_frame, orientation_frame, space, modes, frames)
 
 
 def _check_control(what: str, entity: str, control: EntityControl, frames: Sequence[str]) -> None:
@@ -114,11 +119,13 @@ def task_coordinates(
     hand: Array,
     position_frame: Array,
     orientation_frame: Array,
+    space: int,
     mean: Array,
 ) -> Array:
     """Coordinates x (N_COORDINATES,) of one instant; frames are poses (7,), mean is the quaternion of R_mean."""
     x = np.empty(10)
-    x[:3] = quaternion.rotate(quaternion.conjugate(position_frame[3:]), position - position_frame[:3])
+    within = quaternion.rotate(quaternion.conjugate(position_frame[3:]), position - position_frame[:3])
+    x[:3] = task_space.coordinates(within, space)
     relative = quaternion.multiply(quaternion.conjugate(orientation_frame[3:]), orientation)
     x[3:6] = quaternion.to_rotation_vector(quaternion.multiply(relative, quaternion.conjugate(mean)))
     x[6:] = hand
@@ -126,27 +133,47 @@ def task_coordinates(
 
 
 @njit(cache=True)
-def world_goal(x: Array, position_frame: Array, orientation_frame: Array, mean: Array) -> tuple[Array, Array]:
+def world_goal(
+    x: Array, position_frame: Array, orientation_frame: Array, space: int, mean: Array
+) -> tuple[Array, Array]:
     """Position (3,) and quaternion (4,) in the world of the coordinates x: inverse of task_coordinates."""
-    position = position_frame[:3] + quaternion.rotate(position_frame[3:], x[:3])
+    position = position_frame[:3] + quaternion.rotate(position_frame[3:], task_space.point(x[:3], space))
     relative = quaternion.multiply(quaternion.from_rotation_vector(x[3:6]), mean)
     return position, quaternion.multiply(orientation_frame[3:], relative)
 
 
 @njit(cache=True)
+def deviation(x: Array, goal: Array, space: int) -> Array:
+    """x - g (N_COORDINATES,), minus Delta of (2.16) [m], [rad], [rad]; an angle of the position counts along its arc."""
+    result = x - goal
+    result[:3] = task_space.difference(x[:3], goal[:3], goal[0], space)
+    return result
+
+
+@njit(cache=True)
 def _trajectory(
-    position: Array, orientation: Array, hand: Array, frames: Array, at: int, turned: int, mean: Array
+    position: Array, orientation: Array, hand: Array, frames: Array, at: int, turned: int, space: int, mean: Array
 ) -> Array:
     x = np.empty((len(position), 10))
     for t in range(len(position)):
-        x[t] = task_coordinates(position[t], orientation[t], hand[t], frames[t, at], frames[t, turned], mean)
+        x[t] = task_coordinates(position[t], orientation[t], hand[t], frames[t, at], frames[t, turned], space, mean)
     return x
 
 
 def trajectory(measured: Measurement, table: PrimitiveTable, primitive: int, mean: Array) -> Array:
     """Coordinates (N, N_COORDINATES) of one primitive along a demonstration."""
     at, turned = int(table.position_frame[primitive]), int(table.orientation_frame[primitive])
-    return _trajectory(measured.position, measured.quaternion, measured.hand, measured.frames, at, turned, mean)
+    space = int(table.space[primitive])
+    return _trajectory(measured.position, measured.quaternion, measured.hand, measured.frames, at, turned, space, mean)
+
+
+@njit(cache=True)
+def deviations(x: Array, goal: Array, space: int) -> Array:
+    """`deviation` of every row (N, N_COORDINATES)."""
+    result = np.empty_like(x)
+    for t in range(len(x)):
+        result[t] = deviation(x[t], goal, space)
+    return result
 
 
 def relative_quaternions(measured: Measurement, frame: int) -> Array:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from policies.features import CONTROLLED, ENTITIES, N_COORDINATES
 from policies.passages import END, TOLERANCE, PassageData
+from policies.task_space import AXES
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,7 @@ class Feature(NamedTuple):
 def goal_distance_features(data: PassageData, k: int, kind: str) -> list[Feature]:
     """Features of primitive k. Along a force axis the world may yield or contact be missing: two different events."""
     modes, total, result = data.primitives.table.modes[k], np.zeros(N_COORDINATES), []
+    axes = AXES[data.primitives.table.space[k]]
     for entity in data.controlled(k):
         width = _width(data, k, partial(data.distance, k, entity), TOLERANCE[entity], kind)
         gain = np.zeros(N_COORDINATES)
@@ -44,7 +46,7 @@ def goal_distance_features(data: PassageData, k: int, kind: str) -> list[Feature
             width = _width(data, k, partial(_beyond, i, side), TOLERANCE["position"], kind)
             gain = np.zeros(N_COORDINATES)
             gain[i] = 1.0 / width
-            result.append(Feature(f"{name} along {'xyz'[i]}", k, gain, side))
+            result.append(Feature(f"{name} along {axes[i]}", k, gain, side))
         total = total + gain
     return [Feature("all", k, total, 0.0)] if kind == "primitive" and result else result
 

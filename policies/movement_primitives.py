@@ -26,11 +26,13 @@ from policies.features import (
 )
 from policies.goals import NormalisedTime, attractor_goal
 from policies.sequence_graph import segments
+from policies.task_space import CYLINDRICAL, coordinates, directions
 
 Array = NDArray[np.float64]
 
-DEAD_BAND = np.array([0.005] * 3 + [0.05] * 3 + [0.05] * 4)
-"""Travel below which a segment points to no side (2.9): 5 mm, 3 degrees; above sensor noise, below any movement."""
+DEAD_BAND = np.array([[0.005] * 3 + [0.05] * 7, [0.005, 0.05, 0.005] + [0.05] * 7])
+"""Travel below which a segment points to no side (2.9), per space: 5 mm, 3 degrees; above sensor noise, below any
+movement."""
 PRESSES, GRIP = 0.5, 0.25
 """A hand joint whose drive bears more than this torque [N m] at the end of a movement presses against something; its
 goal lies beyond where it stalled, by this angle [rad], which is enough for all the torque that a drive gives."""
@@ -46,11 +48,15 @@ class MovementPrimitives(NamedTuple):
     mean: Array
     """(K, 4) orientation R_mean about which rotation vectors are taken."""
     goal: Array
-    """(K, N_COORDINATES) attractor goals g; along a force axis the position at which the contact was steady."""
+    """(K, N_COORDINATES) attractor goals g; along a force axis the position at which the contact was steady, and for a
+    radius that is held the median of where it ended."""
     grip: Array
     """(K, 4) how far beyond the goal the hand is commanded [rad], so that it presses as it did; 0 where it is free."""
     force: Array
-    """(K, 3) desired force of the tool on the world, axes of the position's frame [N]; 0 along other axes."""
+    """(K, 3) desired force of the tool on the world along the coordinates of the position [N]; 0 along other axes."""
+    speed: Array
+    """(K,) largest speed [m/s] of a primitive in a cylindrical space, as demonstrated: what it moves while it presses has
+    to follow. 0 in a Cartesian space, where the robot's own limit holds."""
 
 
 def learn_primitives(
@@ -63,7 +69,7 @@ def learn_primitives(
     """Goals and forces of every primitive from all its segments; rows never demonstrated stay zero."""
     n = len(names)
     mean = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    goal, grip, force = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3))
+    goal, grip, force, speed = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3)), np.zeros(n)
     parts = [(m, s) for m, demonstration in enumerate(demonstrations) for s in segments(demonstration.labels)]
     for k in range(n):
         own = [(m, slice(s.start, s.stop + 1)) for m, s in parts if s.label == k]
@@ -73,22 +79,45 @@ def learn_primitives(
         ends = [Measurement(*(array[at.stop - 1 : at.stop] for array in measurements[m])) for m, at in own]
         mean[k] = mean_quaternion(np.concatenate([relative_quaternions(end, frame) for end in ends]))
         paths = [trajectory(Measurement(*(a[at] for a in measurements[m])), table, k, mean[k]) for m, at in own]
+        if table.space[k] == CYLINDRICAL:
+            _unwrap(paths)
+            goal[k, 0] = np.median([x[-1, 0] for x in paths])
+            speed[k] = np.median([_speed(measurements[m].position[at], demonstrations[m].dt) for m, at in own])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
-            goal[k, i] = attractor_goal([x[:, i] for x in paths], time, DEAD_BAND[i])
+            goal[k, i] = attractor_goal([x[:, i] for x in paths], time, DEAD_BAND[table.space[k], i])
         if "hand_torque" in demonstrations[0].observations:
             torque = np.median([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own], axis=0)
             grip[k] = GRIP * np.sign(torque) * (np.abs(torque) > PRESSES) * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
-            forces = [_pressed(demonstrations[m], measurements[m], at, table.position_frame[k])[:, i] for m, at in own]
+            forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for m, at in own]
             force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for x in paths])
-    return MovementPrimitives(tuple(names), table, mean, goal, grip, force)
+    return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed)
 
 
-def _pressed(demonstration: Demonstration, measured: Measurement, at: slice, frame: int) -> Array:
-    """Force of the tool on the world in a frame (N, 3) [N]: the negative of what the wrench measures."""
-    wrench = demonstration.observations["wrench"][at, :3]
-    turns = measured.frames[at, frame, 3:]
-    return np.array([quaternion.rotate(quaternion.conjugate(q), -f) for q, f in zip(turns, wrench, strict=True)])
+def _speed(position: Array, dt: float) -> float:
+    """90 % quantile of the speed [m/s] along a path (N, 3)."""
+    return float(np.quantile(np.linalg.norm(np.diff(position, axis=0), axis=1) / dt, 0.9))
+
+
+def _unwrap(paths: Sequence[Array]) -> None:
+    """Make the angles of cylindrical paths (N, N_COORDINATES) continuous, their ends within half a turn of each other."""
+    for x in paths:
+        x[:, 1] = np.unwrap(x[:, 1])
+    middle = np.angle(np.mean([np.exp(1j * x[-1, 1]) for x in paths]))
+    for x in paths:
+        x[:, 1] -= 2.0 * np.pi * np.round((x[-1, 1] - middle) / (2.0 * np.pi))
+
+
+def _pressed(demonstration: Demonstration, measured: Measurement, at: slice, table: PrimitiveTable, k: int) -> Array:
+    """Force of the tool on the world along the coordinates of primitive k (N, 3) [N]: the negative of the wrench."""
+    wrench, space = demonstration.observations["wrench"][at, :3], int(table.space[k])
+    rows = zip(measured.position[at], measured.frames[at, table.position_frame[k]], wrench, strict=True)
+    result = np.empty_like(wrench)
+    for t, (position, frame, force) in enumerate(rows):
+        to_frame = quaternion.conjugate(frame[3:])
+        y = coordinates(quaternion.rotate(to_frame, position - frame[:3]), space)
+        result[t] = directions(y, space).T @ quaternion.rotate(to_frame, -force)
+    return result
 
 
 def _steady_contact(forces: Sequence[Array], positions: Sequence[Array]) -> tuple[float, float]:

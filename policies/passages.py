@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.features import CONTROLLED, ENTITIES, FORCE, Measurement, trajectory
+from policies.features import CONTROLLED, ENTITIES, FORCE, Measurement, deviations, trajectory
 from policies.movement_primitives import MovementPrimitives
 from policies.sequence_graph import SequenceGraph, TransitionPoint, segments
 
@@ -73,7 +73,11 @@ class PassageData:
         self.passages = passages(graph, labels)
         self.labels = sorted({label for label in graph.labels if label >= 0})
         self._deviations = {
-            (m, k): trajectory(measured, primitives.table, k, primitives.mean[k]) - primitives.goal[k]
+            (m, k): deviations(
+                trajectory(measured, primitives.table, k, primitives.mean[k]),
+                primitives.goal[k],
+                int(primitives.table.space[k]),
+            )
             for m, measured in enumerate(measurements)
             for k in self.labels
         }

@@ -7,21 +7,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lfd_gym import quaternion
 from lfd_gym.action import ActionLayout
-from policies.features import (
-    CONTROLLED,
-    FORCE,
-    HOLD,
-    WORLD,
-    Measurement,
-    PrimitiveTable,
-    goal_distance,
-    task_coordinates,
-    world_goal,
-)
+from policies.features import WORLD, Measurement, PrimitiveTable, deviation, goal_distance, task_coordinates
 from policies.movement_primitives import MovementPrimitives
 from policies.passages import END
+from policies.primitive_attractor import Goals, command
 from policies.sequence_graph import SequenceGraph
 from policies.skill import Observation, Skill, State
 from policies.transitions import DECISIONS, Decision
@@ -118,9 +108,10 @@ class SequenceGraphSkill(Skill):
         )
         memory = self._move_on(seen, frames, memory)
         label = self.graph.labels[int(memory.node)]
-        position, orientation, hand, force = self._goal(label, seen, frames, memory)
-        action = self.layout.encode(position, orientation, force, hand[: self.layout.hand_low.size])
-        return action, memory._replace(position=position, quaternion=orientation, hand=hand)
+        held = Goals(memory.position, memory.quaternion, memory.hand)
+        goals, force, pull = command(self.primitives, label, seen, frames, held, observation, self.layout)
+        action = self.layout.encode(pull, goals.quaternion, force, goals.hand[: self.layout.hand_low.size])
+        return action, memory._replace(**goals._asdict())
 
     def features(self, node: int, seen: Array, frames: Array) -> Array:
         """Features (n,) of a node for one measurement."""
@@ -128,7 +119,7 @@ class SequenceGraphSkill(Skill):
         table = p.table
         return _features(
             seen, frames, this.feature_primitives, this.gains, this.sides,
-            table.position_frame, table.orientation_frame, p.mean, p.goal,
+            table.position_frame, table.orientation_frame, table.space, p.mean, p.goal,
         )  # fmt: skip
 
     def _measure(self, observation: Observation) -> tuple[Array, Array]:
@@ -161,21 +152,13 @@ class SequenceGraphSkill(Skill):
             return memory._replace(chosen=np.array(chosen), lasted=lasted)
         return memory._replace(node=np.array(following), anchor=seen, still=zero, chosen=np.array(0), lasted=zero)
 
-    def _goal(self, label: int, seen: Array, frames: Array, memory: Memory) -> tuple[Array, Array, Array, Array]:
-        """World goal of position, quaternion and hand, and the force, of a primitive."""
-        p, table = self.primitives, self.primitives.table
-        at, turned = frames[table.position_frame[label]], frames[table.orientation_frame[label]]
-        held = memory.position, memory.quaternion, memory.hand
-        return _attractor(
-            seen, *held, at, turned, table.modes[label], p.mean[label], p.goal[label], p.grip[label], p.force[label]
-        )
-
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Graph, primitives and nodes."""
         p = self.primitives
         arrays: dict[str, NDArray[Any]] = {
             "position_frame": p.table.position_frame, "orientation_frame": p.table.orientation_frame,
-            "modes": p.table.modes, "mean": p.mean, "goal": p.goal, "grip": p.grip, "force": p.force,
+            "space": p.table.space, "modes": p.table.modes, "mean": p.mean, "goal": p.goal, "grip": p.grip, "force": p.force,
+            "speed": p.speed,
         }  # fmt: skip
         described = []
         kinds = {cls: name for name, cls in DECISIONS.items()}
@@ -197,10 +180,9 @@ class SequenceGraphSkill(Skill):
     @classmethod
     def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
         """The skill that `to_arrays` described."""
-        table = PrimitiveTable(
-            arrays["position_frame"], arrays["orientation_frame"], arrays["modes"], tuple(header["frames"])
-        )
-        learned = [arrays[name] for name in ("mean", "goal", "grip", "force")]
+        plain = {name: arrays[name] for name in PrimitiveTable._fields if name != "frames"}
+        table = PrimitiveTable(**plain, frames=tuple(header["frames"]))
+        learned = [arrays[name] for name in ("mean", "goal", "grip", "force", "speed")]
         primitives = MovementPrimitives(tuple(header["names"]), table, *learned)
         nodes = []
         for i, node in enumerate(header["nodes"]):
@@ -246,6 +228,7 @@ def _features(
     sides: Array,
     position_frame: NDArray[np.int64],
     orientation_frame: NDArray[np.int64],
+    space: NDArray[np.int64],
     mean: Array,
     goal: Array,
 ) -> Array:
@@ -253,37 +236,6 @@ def _features(
     for j in range(len(primitives)):
         k = primitives[j]
         at, turned = frames[position_frame[k]], frames[orientation_frame[k]]
-        x = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, mean[k])
-        result[j] = goal_distance(x - goal[k], gains[j], sides[j])
+        x = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, space[k], mean[k])
+        result[j] = goal_distance(deviation(x, goal[k], space[k]), gains[j], sides[j])
     return result
-
-
-@njit(cache=True)
-def _attractor(
-    seen: Array,
-    position: Array,
-    orientation: Array,
-    hand: Array,
-    at: Array,
-    turned: Array,
-    modes: NDArray[np.int64],
-    mean: Array,
-    goal: Array,
-    grip: Array,
-    force: Array,
-) -> tuple[Array, Array, Array, Array]:
-    """World goals and force of a primitive; position, orientation and hand are the goals that were valid before.
-
-    A held coordinate keeps its last goal in the world. Along a force axis the goal is the measured position, so that a
-    primitive that holds this axis next holds it where the pressing ended.
-    """
-    held = task_coordinates(position, orientation, hand, at, turned, mean)
-    now = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, mean)
-    x = np.where(modes == CONTROLLED, goal, np.where(modes == FORCE, now, held))
-    x[6:] += grip
-    new_position, new_orientation = world_goal(x, at, turned, mean)
-    if (modes[:3] == HOLD).all():
-        new_position = position.copy()
-    if (modes[3:6] == HOLD).all():
-        new_orientation = orientation.copy()
-    return new_position, new_orientation, x[6:].copy(), quaternion.rotate(at[3:], force)

@@ -16,6 +16,7 @@ from policies.features import (
     world_goal,
 )
 from policies.goal_distance import goal_distance_width
+from policies.task_space import CARTESIAN, CYLINDRICAL
 
 
 def quaternions(n: int, seed: int = 0) -> np.ndarray:
@@ -39,16 +40,19 @@ def test_coordinates_agree_with_scipy_and_are_inverted():
     at, turned, tool = poses(50, 1), poses(50, 2), poses(50, 3)
     mean, hand = quaternions(1, 4)[0], np.arange(4.0)
     for p, o, t in zip(at, turned, tool, strict=True):
-        x = task_coordinates(t[:3], t[3:], hand, p, o, mean)
+        x = task_coordinates(t[:3], t[3:], hand, p, o, CARTESIAN, mean)
         r_p, r_o, r_t, r_mean = (Rotation.from_quat(q, scalar_first=True) for q in (p[3:], o[3:], t[3:], mean))
         assert x[:3] == pytest.approx(r_p.inv().apply(t[:3] - p[:3]))
         assert x[3:6] == pytest.approx((r_o.inv() * r_t * r_mean.inv()).as_rotvec())
-        position, orientation = world_goal(x, p, o, mean)
-        assert position == pytest.approx(t[:3])
-        assert abs(orientation @ t[3:]) == pytest.approx(1)
+        for space in (CARTESIAN, CYLINDRICAL):
+            x = task_coordinates(t[:3], t[3:], hand, p, o, space, mean)
+            position, orientation = world_goal(x, p, o, space, mean)
+            assert position == pytest.approx(t[:3])
+            assert abs(orientation @ t[3:]) == pytest.approx(1)
 
 
-def test_turning_the_scene_leaves_the_coordinates():
+@pytest.mark.parametrize("space", [CARTESIAN, CYLINDRICAL])
+def test_turning_the_scene_leaves_the_coordinates(space):
     turn = Rotation.from_euler("xyz", [0.3, -0.2, 1.5])
     frame, tool = poses(20, 5), poses(20, 6)
 
@@ -60,8 +64,8 @@ def test_turning_the_scene_leaves_the_coordinates():
     for f, t in zip(frame, tool, strict=True):
         g, s = turned(f), turned(t)
         before, after = (
-            task_coordinates(t[:3], t[3:], hand, f, f, mean),
-            task_coordinates(s[:3], s[3:], hand, g, g, mean),
+            task_coordinates(t[:3], t[3:], hand, f, f, space, mean),
+            task_coordinates(s[:3], s[3:], hand, g, g, space, mean),
         )
         assert after == pytest.approx(before)
 
@@ -70,7 +74,9 @@ def test_a_quaternion_and_its_negative_are_one_orientation():
     tool, mean = poses(20, 7), quaternions(1)[0]
     frame = poses(1, 8)[0]
     for t in tool:
-        there, back = (task_coordinates(t[:3], sign * t[3:], np.zeros(4), frame, frame, mean) for sign in (1, -1))
+        there, back = (
+            task_coordinates(t[:3], sign * t[3:], np.zeros(4), frame, frame, CARTESIAN, mean) for sign in (1, -1)
+        )
         assert there == pytest.approx(back)
 
 
@@ -100,7 +106,7 @@ def test_batch_equals_single_observations():
             measured.frames[t, 1],
             measured.frames[t, 0],
         ]
-        assert x == pytest.approx(task_coordinates(*one, mean))
+        assert x == pytest.approx(task_coordinates(*one, CARTESIAN, mean))
 
 
 def test_goal_distance_is_the_printed_one():
@@ -126,7 +132,7 @@ def test_impossible_tables_are_refused_in_one_line():
     names = ["tool_position", "frame_box"]
     for bad, message in [
         (row(frame="bix"), "has the frame 'bix'; tracked are: world, box"),
-        (row(space="spherical"), "has the space 'spherical'; possible: cartesian"),
+        (row(space="spherical"), "has the space 'spherical'; possible: cartesian, cylindrical"),
         (row(axes=("position",) * 2), "needs 3 of: position, force, hold"),
     ]:
         with pytest.raises(DemonstrationError, match=message):

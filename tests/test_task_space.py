@@ -1,0 +1,128 @@
+"""Cartesian and cylindrical coordinates of a position, and the attractor that moves in them."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from kinematic_world import teach
+from scipy.spatial.transform import Rotation
+
+from lfd_gym.attractor import response
+from lfd_gym.demonstration import EntityControl
+from policies.features import deviation, measure, primitive_table
+from policies.movement_primitives import learn_primitives
+from policies.task_space import (
+    CARTESIAN,
+    CYLINDRICAL,
+    SMALLEST_RADIUS,
+    coordinates,
+    curved_goal,
+    difference,
+    directions,
+    point,
+)
+
+ALPHA, BETA, STEP = 16.0, 4.0, 1e-3
+FRAME = np.r_[0.5, -0.3, 0.1, Rotation.from_euler("xyz", [1.5, 0.2, -0.7]).as_quat(scalar_first=True)]
+
+
+def points(n: int = 50) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(n, 3))
+
+
+@pytest.mark.parametrize("space", [CARTESIAN, CYLINDRICAL])
+def test_coordinates_are_inverted_and_grow_along_their_directions(space):
+    step = 1e-6
+    for p in points():
+        y = coordinates(p, space)
+        assert point(y, space) == pytest.approx(p)
+        e = directions(y, space)
+        assert e.T @ e == pytest.approx(np.eye(3), abs=1e-12)
+        metric = np.array([1.0, y[0] if space == CYLINDRICAL else 1.0, 1.0])
+        for i in range(3):
+            moved = coordinates(p + step * e[:, i], space)
+            assert metric * (moved - y) / step == pytest.approx(np.eye(3)[i], abs=1e-5)
+
+
+def test_an_angle_counts_by_the_shorter_way_around():
+    there, here = np.array([0.2, math.pi - 0.1, 0.0]), np.array([0.2, -math.pi + 0.1, 0.0])
+    assert difference(there, here, 0.2, CYLINDRICAL) == pytest.approx([0.0, -0.2 * 0.2, 0.0])
+    assert difference(there, here, 0.2, CARTESIAN) == pytest.approx(there - here)
+    x, goal = np.r_[there, np.zeros(7)], np.r_[here, np.zeros(7)]
+    assert deviation(x, goal, CYLINDRICAL)[:3] == pytest.approx([0.0, -0.2 * 0.2, 0.0])
+
+
+def follow(start: np.ndarray, goal: np.ndarray, speed_limit: float, seconds: float, dt: float = STEP) -> np.ndarray:
+    """Cylindrical coordinates over time of an unsaturated Cartesian attractor that is pulled by `curved_goal`."""
+    turn = Rotation.from_quat(FRAME[3:], scalar_first=True)
+    position, velocity, path = FRAME[:3] + turn.apply(point(start, CYLINDRICAL)), np.zeros(3), []
+    for _ in range(round(seconds / dt)):
+        pull = curved_goal(goal, position, velocity, FRAME, ALPHA, BETA, speed_limit)
+        velocity = velocity + dt * ALPHA * (BETA * (pull - position) - velocity)
+        position = position + dt * velocity
+        path.append(coordinates(turn.inv().apply(position - FRAME[:3]), CYLINDRICAL))
+    return np.array(path)
+
+
+def test_an_arc_keeps_its_radius_and_its_angle_is_the_closed_form():
+    start, goal = np.array([0.2, 0.1, 0.0]), np.array([0.2, 2.0, 0.0])
+    path = follow(start, goal, speed_limit=np.inf, seconds=1.0)
+    assert path[:, 0] == pytest.approx(0.2, abs=1e-3)
+    time = STEP * np.arange(1, len(path) + 1)
+    assert path[:, 1] == pytest.approx(response(time, 0.1, 2.0, ALPHA), abs=0.02)
+    assert np.abs(path[:, 2]).max() < 1e-9
+
+
+def test_a_curved_movement_keeps_its_speed_limit_and_arrives_over_the_branch_cut():
+    start, goal = np.array([0.3, 2.8, -0.1]), np.array([0.15, -2.6, 0.1])
+    path = follow(start, goal, speed_limit=0.2, seconds=4.0)
+    travelled = np.diff([point(y, CYLINDRICAL) for y in path], axis=0)
+    assert np.linalg.norm(travelled, axis=1).max() / STEP < 0.2 * 1.02
+    assert path[-1] == pytest.approx(goal, abs=1e-3)
+    assert (np.abs(path[:, 1]) > 2.5).all()
+
+
+def test_the_axis_itself_is_no_trap():
+    goal = curved_goal(np.array([0.2, 1.0, 0.0]), FRAME[:3], np.full(3, 0.1), FRAME, ALPHA, BETA, 0.5)
+    assert np.isfinite(goal).all()
+    assert SMALLEST_RADIUS > 0
+
+
+def test_goals_and_a_radial_press_are_learned_across_the_branch_cut():
+    """Half of the arcs end below pi and half above it; the press points to the axis wherever the tool is."""
+    demonstration = teach(0)
+    arc = demonstration.primitives[0]._replace(
+        name="arc", position=EntityControl(0, "lid", "cylindrical", ("force", "position", "position"))
+    )
+    turn = Rotation.from_quat(FRAME[3:], scalar_first=True)
+    taught = []
+    for end in (math.pi - 0.02, math.pi + 0.02, math.pi - 0.02, math.pi + 0.02):
+        y = np.stack([np.full(80, 0.2), np.linspace(1.0, end, 80), np.full(80, 0.05)], axis=1)
+        position = FRAME[:3] + turn.apply([point(row, CYLINDRICAL) for row in y])
+        radial = turn.apply([directions(row, CYLINDRICAL)[:, 0] for row in y])
+        observations = {
+            "tool_position": position,
+            "tool_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (80, 1)),
+            "wrench": np.hstack([7.0 * radial, np.zeros((80, 3))]),
+            "frame_lid": np.tile(FRAME, (80, 1)),
+        }
+        taught.append(
+            dataclasses.replace(
+                demonstration,
+                observations=observations,
+                actions=demonstration.actions[:79],
+                rewards=np.zeros(79),
+                states=np.zeros((80, 1)),
+                labels=np.zeros(79, dtype=int),
+                primitives=(arc,),
+            )
+        )
+    table = primitive_table([arc], list(taught[0].observations))
+    measured = [measure(d.observations, table.frames) for d in taught]
+    learned = learn_primitives(["arc"], table, taught, measured, "arclength")
+    assert abs(learned.goal[0, 1]) == pytest.approx(math.pi, abs=0.03)
+    assert learned.goal[0, [0, 2]] == pytest.approx([0.2, 0.05], abs=1e-6)
+    assert learned.force[0] == pytest.approx([-7.0, 0.0, 0.0])
+    speed = 0.2 * (math.pi - 1.0) / 79 / demonstration.dt
+    assert learned.speed[0] == pytest.approx(speed, rel=0.03)
