@@ -1,10 +1,21 @@
-"""Transition classifiers (thesis 2.4): exported arrays decide as scikit-learn does."""
+"""Transition classifiers (thesis 2.4): exported arrays decide as the scikit-learn estimators do, only faster."""
+
+import time
 
 import numpy as np
 import pytest
 
+from lfd_gym.errors import DemonstrationError
+from policies.decisions import DECISIONS, VotingDecision, constant_decision
+from policies.held_out import held_out_accuracy
 from policies.transition_data import separation
-from policies.transitions import CLASSIFIERS, DECISIONS, constant_decision
+from policies.transitions import CLASSIFIERS, logistic_slope
+
+KINDS = [
+    ("svm", {"kernel": "rbf"}),
+    ("svm", {"kernel": "linear"}),
+    *((name, {}) for name in CLASSIFIERS if name != "svm"),
+]
 
 
 def problem(n_classes: int, n_features: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -14,22 +25,70 @@ def problem(n_classes: int, n_features: int, seed: int) -> tuple[np.ndarray, np.
     return features, classes, rng.uniform(0.2, 2.0, size=len(classes)), rng.uniform(-0.5, 2.5, size=(300, n_features))
 
 
+def scores_of(estimator, unseen: np.ndarray) -> np.ndarray:
+    """The estimator's own scores (N, C): of two classes the second one's against zero."""
+    if hasattr(estimator, "predict_joint_log_proba"):
+        return estimator.predict_joint_log_proba(unseen)
+    scores = estimator.decision_function(unseen)
+    return np.stack([np.zeros_like(scores), scores], axis=1) if scores.ndim == 1 else scores
+
+
 @pytest.mark.parametrize("n_classes", [2, 3, 4])
-@pytest.mark.parametrize(
-    ("classifier", "settings"), [("lr", {}), ("svm", {"kernel": "rbf"}), ("svm", {"kernel": "linear"})]
-)
+@pytest.mark.parametrize(("classifier", "settings"), KINDS)
 def test_exported_decision_equals_scikit_learn(classifier, settings, n_classes):
     features, classes, weights, unseen = problem(n_classes, 3, seed=n_classes)
     estimator, decision = CLASSIFIERS[classifier](features, classes, weights, C=10.0, **settings)
-    theirs = estimator.decision_function(unseen)
-    if n_classes == 2 and classifier == "svm":
-        ours = -np.array([decision.margins(f)[0] for f in unseen])
-    else:
-        ours = np.array([decision.scores(f) for f in unseen])
-        ours = ours[:, 1] if n_classes == 2 else ours
+    ours = np.array([decision.scores(f) for f in unseen])
+    theirs = scores_of(estimator, unseen)
+    if classifier == "svm" and n_classes == 2:
+        ours = np.stack([np.zeros(len(ours)), ours[:, 1]], axis=1)
     assert ours == pytest.approx(theirs, abs=1e-9)
     chosen = [int(np.argmax(decision.scores(f))) for f in unseen]
     assert chosen == estimator.predict(unseen).tolist()
+    assert len(set(chosen)) == n_classes
+
+
+@pytest.mark.parametrize("n_classes", [2, 3, 4])
+@pytest.mark.parametrize("classifier", [name for name in CLASSIFIERS if name != "svm"])
+def test_probabilities_equal_those_of_the_estimator(classifier, n_classes):
+    features, classes, weights, unseen = problem(n_classes, 3, seed=n_classes)
+    estimator, decision = CLASSIFIERS[classifier](features, classes, weights, C=10.0)
+    ours = np.array([decision.probabilities(f) for f in unseen])
+    assert ours == pytest.approx(estimator.predict_proba(unseen), abs=1e-9)
+
+
+@pytest.mark.parametrize("n_classes", [2, 3, 4])
+@pytest.mark.parametrize(("classifier", "settings"), KINDS)
+def test_probabilities_are_calibrated_on_unseen_samples(classifier, settings, n_classes):
+    """Decisions that are made with probability p are right about that often."""
+    rng = np.random.default_rng(n_classes)
+    angles = 2.0 * np.pi * np.arange(n_classes) / n_classes
+    centres = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    classes, truth = rng.integers(n_classes, size=200), rng.integers(n_classes, size=1000)
+    features, unseen = (centres[c] + rng.normal(0.0, 0.8, (len(c), 2)) for c in (classes, truth))
+    _, decision = CLASSIFIERS[classifier](features, classes, np.ones(len(classes)), C=10.0, **settings)
+    p = np.array([decision.probabilities(f) for f in unseen])
+    assert p.sum(axis=1) == pytest.approx(1.0)
+    right, sure = p.argmax(axis=1) == truth, p.max(axis=1)
+    for part in (sure < np.median(sure), sure >= np.median(sure)):
+        assert sure[part].mean() == pytest.approx(right[part].mean(), abs=0.1)
+
+
+def test_slope_of_the_logistic_map_is_recovered():
+    rng = np.random.default_rng(0)
+    margins = rng.normal(0, 2, 20000)
+    first = rng.uniform(size=len(margins)) < 1 / (1 + np.exp(-1.7 * margins))
+    assert logistic_slope(margins, first, np.ones(len(margins))) == pytest.approx(1.7, abs=0.06)
+    assert np.isfinite(logistic_slope(np.array([-1.0, 1.0]), np.array([False, True]), np.ones(2)))
+
+
+def test_coupling_recovers_probabilities_that_agree_pairwise():
+    """Price et al.: if r_ab = p_a / (p_a + p_b) for all pairs, the coupled probabilities are p."""
+    p = np.array([0.5, 0.15, 0.05, 0.3])
+    pairs = np.array([(a, b) for a in range(4) for b in range(a + 1, 4)])
+    offsets = np.log(p[pairs[:, 0]] / p[pairs[:, 1]])
+    decision = VotingDecision(np.eye(2), np.array(0.0), pairs, np.zeros((6, 2)), offsets / 3.0, np.full(6, 3.0))
+    assert decision.probabilities(np.zeros(2)) == pytest.approx(p)
 
 
 @pytest.mark.parametrize("classifier", list(CLASSIFIERS))
@@ -44,17 +103,60 @@ def test_weights_shift_the_border(classifier):
     assert borders[1] < borders[0]
 
 
-def test_decisions_are_rebuilt_from_their_arrays():
+@pytest.mark.parametrize(("classifier", "settings"), KINDS)
+def test_decisions_are_rebuilt_from_their_arrays(classifier, settings):
     features, classes, weights, unseen = problem(3, 2, seed=0)
-    for classifier in CLASSIFIERS:
-        _, decision = CLASSIFIERS[classifier](features, classes, weights, C=1.0)
-        kind = {cls: name for name, cls in DECISIONS.items()}[type(decision)]
-        again = DECISIONS[kind](**{name: np.asarray(a) for name, a in decision._asdict().items()})
-        assert all((again.scores(f) == decision.scores(f)).all() for f in unseen)
+    _, decision = CLASSIFIERS[classifier](features, classes, weights, C=1.0, **settings)
+    kind = {cls: name for name, cls in DECISIONS.items()}[type(decision)]
+    again = DECISIONS[kind](**{name: np.asarray(a) for name, a in decision._asdict().items()})
+    assert all((again.scores(f) == decision.scores(f)).all() for f in unseen)
+    assert all((again.probabilities(f) == decision.probabilities(f)).all() for f in unseen)
+
+
+@pytest.mark.parametrize(("classifier", "settings"), KINDS)
+def test_scores_of_one_sample_are_fast(classifier, settings):
+    features, classes, weights, unseen = problem(4, 6, seed=0)
+    _, decision = CLASSIFIERS[classifier](features, classes, weights, C=10.0, **settings)
+    decision.scores(unseen[0])
+    fastest = np.inf
+    for _ in range(10):
+        begin = time.process_time()
+        for row in unseen:
+            decision.scores(row)
+        fastest = min(fastest, (time.process_time() - begin) / len(unseen))
+    assert fastest < 50e-6
 
 
 def test_constant_decision_stays():
     assert np.argmax(constant_decision(3, 2).scores(np.array([5.0, -1.0]))) == 0
+
+
+@pytest.mark.parametrize("classifier", list(CLASSIFIERS))
+def test_held_out_accuracy_is_by_demonstration(classifier):
+    """Every demonstration has a place of its own and one class: a kernel machine tested on rows would be perfect."""
+    rng = np.random.default_rng(0)
+    demonstrations = np.repeat(np.arange(6), 30)
+    classes = demonstrations % 2
+    features = 10.0 * demonstrations[:, None] + rng.normal(size=(180, 1))
+    weights = np.ones(180)
+    place_alone = held_out_accuracy(classifier, features, classes, weights, demonstrations)
+    assert place_alone.accuracy < 0.7
+    told = held_out_accuracy(
+        classifier, np.hstack([0 * features, 5.0 * classes[:, None]]), classes, weights, demonstrations
+    )
+    assert told.accuracy == 1.0
+    assert told.per_demonstration == dict.fromkeys(range(6), 1.0)
+
+
+def test_held_out_accuracy_weighs_samples_and_counts_unknown_classes_as_missed():
+    features = np.array([[0.0], [1.0], [0.1], [0.9], [0.0], [2.0]])
+    classes, demonstrations = np.array([0, 1, 0, 1, 0, 2]), np.array([0, 0, 1, 1, 2, 2])
+    weights = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 3.0])
+    result = held_out_accuracy("lr", features, classes, weights, demonstrations)
+    assert result.per_demonstration == {0: 1.0, 1: 1.0, 2: 0.25}
+    assert result.accuracy == pytest.approx(5 / 8)
+    with pytest.raises(DemonstrationError, match="two or more"):
+        held_out_accuracy("lr", features[:2], classes[:2], weights[:2], demonstrations[:2])
 
 
 def test_separation_is_one_for_disjoint_and_zero_for_equal_values():
