@@ -24,6 +24,8 @@ class Benchmark(NamedTuple):
     """One `env.step` [µs]."""
     bare_us: float
     """The `mj_step`s inside it alone, from the same states with the same torques [µs]."""
+    controller_us: float
+    """The controller's ticks inside it [µs]."""
     reset_ms: float
     """One `env.reset` [ms]."""
     start_s: float
@@ -37,13 +39,19 @@ class Benchmark(NamedTuple):
         return self.step_us / self.bare_us
 
     @property
+    def beyond_us(self) -> float:
+        """What a step costs beyond physics and controller: observation, success, info, the checks of `gymnasium.make` [µs]."""
+        return self.step_us - self.bare_us - self.controller_us
+
+    @property
     def real_time_factor(self) -> float:
         """Simulated seconds per second."""
         return self.dt / (self.step_us * 1e-6)
 
     def to_dict(self) -> dict[str, Any]:
         """All figures, derived ones included."""
-        return self._asdict() | {"ratio": self.ratio, "real_time_factor": self.real_time_factor}
+        derived = {"ratio": self.ratio, "beyond_us": self.beyond_us, "real_time_factor": self.real_time_factor}
+        return self._asdict() | derived
 
 
 def benchmark(env_id: str, policy: Policy, seed: int = 100000, repeats: int = 5, max_steps: int = 1000) -> Benchmark:
@@ -57,30 +65,31 @@ def benchmark(env_id: str, policy: Policy, seed: int = 100000, repeats: int = 5,
     world: Any = env.unwrapped
     actions = [step.action for step in islice(rollout(env, policy, seed), max_steps)]
     controls = _controls(env, actions, seed)
-    pairs = [_replay(env, actions, controls, seed) for _ in range(repeats)]
-    step_us = statistics.median(pair[0] for pair in pairs)
-    bare_us = statistics.median(pair[1] for pair in pairs)
+    replays = [_replay(env, actions, controls, seed) for _ in range(repeats)]
+    step_us, bare_us, controller_us = (statistics.median(times) for times in zip(*replays, strict=True))
     resets = [_seconds(env, seed + i) for i in range(20)]
     env.close()
-    return Benchmark(env_id, step_us, bare_us, 1e3 * statistics.median(resets), _start_seconds(env_id), world.dt)
+    reset_ms = 1e3 * statistics.median(resets)
+    return Benchmark(env_id, step_us, bare_us, controller_us, reset_ms, _start_seconds(env_id), world.dt)
 
 
 def table(rows: list[Benchmark]) -> str:
     """The measurements as aligned text."""
     lines = [
-        f"{'environment':<26}{'step µs':>9}{'bare µs':>9}{'ratio':>7}{'beyond µs':>11}"
+        f"{'environment':<26}{'step µs':>9}{'bare µs':>9}{'ratio':>7}{'controller µs':>15}{'beyond µs':>11}"
         f"{'x real time':>13}{'reset ms':>10}{'start s':>9}"
     ]
     for row in rows:
         lines.append(
-            f"{row.env_id:<26}{row.step_us:>9.1f}{row.bare_us:>9.1f}{row.ratio:>7.2f}{row.step_us - row.bare_us:>11.1f}"
+            f"{row.env_id:<26}{row.step_us:>9.1f}{row.bare_us:>9.1f}{row.ratio:>7.2f}"
+            f"{row.controller_us:>15.1f}{row.beyond_us:>11.1f}"
             f"{row.real_time_factor:>13.1f}{row.reset_ms:>10.2f}{row.start_s:>9.2f}"
         )
     return "\n".join(lines)
 
 
-def _replay(env: Any, actions: list[np.ndarray], controls: list[np.ndarray], seed: int) -> tuple[float, float]:
-    """Mean time [µs] of `env.step`, and of the bare physics inside it, over one recorded episode."""
+def _replay(env: Any, actions: list[np.ndarray], controls: list[np.ndarray], seed: int) -> tuple[float, float, float]:
+    """Mean time [µs] of `env.step`, of the bare physics and of the controller inside it, over one recorded episode."""
     world = env.unwrapped
     model, data = world.model, world.data
     n = round(world.dt / world.physics_dt)
@@ -98,7 +107,26 @@ def _replay(env: Any, actions: list[np.ndarray], controls: list[np.ndarray], see
             start = perf_counter()
             mujoco.mj_step(model, bare_data)
             bare += perf_counter() - start
-    return 1e6 * stepping / len(actions), 1e6 * bare / len(actions)
+    return 1e6 * stepping / len(actions), 1e6 * bare / len(actions), _controller(env, actions, seed)
+
+
+def _controller(env: Any, actions: list[np.ndarray], seed: int) -> float:
+    """Mean time [µs] of the controller's ticks in a step, replayed once more so that the clock costs the step nothing."""
+    robot = env.unwrapped.robot
+    tick, ticking = robot.tick, 0.0
+
+    def timed() -> None:
+        nonlocal ticking
+        start = perf_counter()
+        tick()
+        ticking += perf_counter() - start
+
+    env.reset(seed=seed)
+    robot.tick = timed
+    for action in actions:
+        env.step(action)
+    robot.tick = tick
+    return 1e6 * ticking / len(actions)
 
 
 def _controls(env: Any, actions: list[np.ndarray], seed: int) -> list[np.ndarray]:

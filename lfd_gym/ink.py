@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym.alphabet import sample
+from lfd_gym.compiled import bound
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -57,7 +58,9 @@ class Tally(NamedTuple):
 
     def __add__(self, other: "Tally") -> "Tally":  # type: ignore[override]
         """Two boards together."""
-        return Tally(*(a + b for a, b in zip(self, other, strict=True)))
+        return Tally(
+            self.covered + other.covered, self.wanted + other.wanted, self.good + other.good, self.inked + other.inked
+        )
 
 
 class Ink:
@@ -70,17 +73,20 @@ class Ink:
 
     def __init__(self, strokes: list[Array], memory: Array) -> None:
         self.memory = memory
-        targets = np.concatenate([sample(stroke, SPACING) for stroke in strokes])
+        wanted = np.concatenate([sample(stroke, SPACING) for stroke in strokes])
         reach = np.arange(-math.ceil(TOLERANCE / CELL), math.ceil(TOLERANCE / CELL) + 1)
         offsets = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
-        places = np.floor((targets + HALF_SIZE) / CELL).astype(np.int64)[:, None] + offsets
-        distance = np.linalg.norm((places + 0.5) * CELL - HALF_SIZE - targets[:, None], axis=2)
+        places = np.floor((wanted + HALF_SIZE) / CELL).astype(np.int64)[:, None] + offsets
+        distance = np.linalg.norm((places + 0.5) * CELL - HALF_SIZE - wanted[:, None], axis=2)
         near = (distance <= TOLERANCE) & ((places >= 0) & (places < (COLUMNS, ROWS))).all(axis=2)
-        self._cells = places[near] @ (1, COLUMNS)
-        self._starts = np.concatenate([[0], np.cumsum(near.sum(axis=1))])
-        self._on_target = np.zeros(COLUMNS * ROWS, dtype=bool)
-        self._on_target[self._cells] = True
-        self._read, self._tally = np.full(WORDS, np.nan), Tally(0, len(targets), 0, 0)
+        cells = places[near] @ (1, COLUMNS)
+        # the points near each cell, cell after cell
+        points = np.nonzero(near)[0][np.argsort(cells, kind="stable")]
+        starts = np.searchsorted(np.sort(cells), np.arange(COLUMNS * ROWS + 1))
+        read, covered = np.zeros(WORDS), np.zeros(len(wanted), dtype=bool)
+        self._read = bound(_read_ink, memory, read, covered, starts, points)
+        read[:], covered[:] = 0.0, False
+        self._tally = Tally(0, len(wanted), 0, 0)
 
     def mark(self, x: float, y: float) -> None:
         """Touch the board at a point in its axes [m]; beside the board nothing is left."""
@@ -88,8 +94,10 @@ class Ink:
 
     def tally(self) -> Tally:
         """Compare what is written with what was wanted."""
-        if _changed(self.memory, self._read):
-            self._tally = Tally(*_tally(self.memory, self._on_target, self._cells, self._starts))
+        covered, good, inked = self._read()
+        if covered or good or inked:
+            t = self._tally
+            self._tally = Tally(t.covered + covered, t.wanted, t.good + good, t.inked + inked)
         return self._tally
 
     def points(self) -> Array:
@@ -114,38 +122,43 @@ def mark(memory: Array, x: float, y: float) -> None:
 
 
 @njit(cache=True)
-def _is_inked(memory: Array, cell: int) -> bool:
-    return (int(memory[cell // BITS]) >> (cell % BITS)) & 1 == 1
+def _read_ink(
+    memory: Array, read: Array, covered: NDArray[np.bool_], starts: Integers, points: Integers
+) -> tuple[int, int, int]:
+    """How many points were covered, good cells and cells inked since the memory was last read: what a tally changes by.
 
-
-@njit(cache=True)
-def _changed(memory: Array, read: Array) -> bool:
-    """Whether the memory differs from what was read before; reads it."""
-    changed = False
-    for i in range(memory.size):
-        if memory[i] != read[i]:
-            read[i] = memory[i]
-            changed = True
-    return changed
-
-
-@njit(cache=True)
-def _tally(memory: Array, on_target: NDArray[np.bool_], cells: Integers, starts: Integers) -> tuple[int, int, int, int]:
-    covered = good = inked = 0
+    Args:
+        memory: of the board; where ink has gone, as after a reset, it is read from the beginning.
+        read, covered: the memory as last read, and the points covered by then; both are brought up to date.
+        starts, points: points near cell c are ``points[starts[c] : starts[c + 1]]``.
+    """
+    new_points = new_good = new_cells = 0
     for word in range(memory.size):
-        if memory[word] == 0.0:
+        if int(read[word]) & ~int(memory[word]):
+            for other in range(memory.size):
+                for cell in range(other * BITS, min((other + 1) * BITS, starts.size - 1)):
+                    if (int(read[other]) >> (cell % BITS)) & 1:
+                        new_cells -= 1
+                        new_good -= starts[cell + 1] > starts[cell]
+                read[other] = 0.0
+            new_points -= covered.sum()
+            covered[:] = False
+            break
+    for word in range(memory.size):
+        if memory[word] == read[word]:
             continue
-        for cell in range(word * BITS, min((word + 1) * BITS, on_target.size)):
-            if _is_inked(memory, cell):
-                inked += 1
-                good += on_target[cell]
-    if inked:
-        for target in range(starts.size - 1):
-            for i in range(starts[target], starts[target + 1]):
-                if _is_inked(memory, cells[i]):
-                    covered += 1
-                    break
-    return covered, starts.size - 1, good, inked
+        fresh = int(memory[word]) & ~int(read[word])
+        read[word] = memory[word]
+        for bit in range(BITS):
+            if not (fresh >> bit) & 1:
+                continue
+            cell = word * BITS + bit
+            new_cells += 1
+            new_good += starts[cell + 1] > starts[cell]
+            for i in range(starts[cell], starts[cell + 1]):
+                new_points += not covered[points[i]]
+                covered[points[i]] = True
+    return new_points, new_good, new_cells
 
 
 @njit(cache=True)

@@ -1,16 +1,14 @@
 """The robot in one simulation: what it is told, what it measures, and its controller at the physics rate."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numba import typeof
 from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import controller, quaternion, records, sensing, servo, wam
 from lfd_gym.action import ActionLayout
+from lfd_gym.compiled import bound
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.guidance import Impedance
 
@@ -82,16 +80,16 @@ class Robot:
         data = self.data
         hand_on_tool = Impedance().holding(self._mobility(), self.model.opt.timestep)
         guided = data.xipos[self._guided_link], data.xfrc_applied[self._guided_link], hand_on_tool
-        self.tick = _bound(servo.tick, *state, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
+        self.tick = bound(servo.tick, *state, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
         """One step of the controller."""
         scales = (layout.workspace_low, layout.workspace_high, layout.rotation_limit, layout.force_limit)
         hand = (layout.hand_low, layout.hand_high)
-        self._set_goal = _bound(
+        self._set_goal = bound(
             servo.command, self._command, *scales, *hand, layout.reference_quaternion, call=(np.zeros(layout.size),)
         )
         n = sum(size for _, size in sensing.measurements(self._handles.hand_addresses.size))
         bodies = (data.xpos, data.xquat, self._frames, layout.reference_quaternion)
-        self._measure = _bound(
+        self._measure = bound(
             sensing.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
             *bodies, call=(np.zeros(n + 7 * self._frames.size),),
         )  # fmt: skip
@@ -173,10 +171,3 @@ class Robot:
     def set_state(self, state: Array) -> None:
         """Restore what `get_state` returned."""
         self._memory.view(np.float64)[:] = state
-
-
-def _bound(function: Any, *arguments: Any, call: tuple[Any, ...] = ()) -> Callable[..., Any]:
-    """A compiled function with its first arguments fixed; `call` stands for those that come with each call."""
-    function(*arguments, *call)
-    signature = tuple(typeof(argument) for argument in (*arguments, *call))
-    return partial(function.overloads[signature].entry_point, *arguments)

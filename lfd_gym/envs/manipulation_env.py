@@ -419,10 +419,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     def _info(self, holds: bool) -> dict[str, Any]:
         success = holds and self._held >= HOLD_TIME - 1e-9
         info: dict[str, Any] = {"is_success": success, "success": success, "broken": self._broken}
-        for name, flag in zip(self._subtask_keys, self.subtask_flags(), strict=True):
-            info[name] = bool(flag)
-        for name, value in self.measures().items():
-            info[name] = float(value)
+        info.update(zip(self._subtask_keys, map(bool, self.subtask_flags()), strict=True))
+        info.update(self.measures())
         return info
 
 

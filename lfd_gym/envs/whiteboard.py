@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lfd_gym import alphabet, ink, quaternion, wam
 from lfd_gym.action import ActionLayout
+from lfd_gym.compiled import bound
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
 from lfd_gym.errors import InvalidArgumentError
@@ -113,7 +114,8 @@ class WhiteboardEnv(ManipulationEnv):
         self._tip = data.site("pen/tool").xpos
         pressed = data.sensor("pen/touch").data
         arguments = (memories, pressed, INK_FORCE, self._tip, 1.5 * TIP_RADIUS, self._origins, self._axes)
-        self.watch = lambda: ink.draw(*arguments)
+        self.watch = bound(ink.draw, *arguments)
+        self._clearance = bound(ink.clearance, self._tip, self._origins, self._axes)
 
     def sample_setup(self, rng: np.random.Generator) -> dict[str, Any]:
         """Uniform, each in its own area."""
@@ -151,7 +153,7 @@ class WhiteboardEnv(ManipulationEnv):
         """Read what is written, and see whether the pen is off."""
         self._tallies = [board.tally() for board in self._ink]
         self._total = self._tallies[0] + self._tallies[1]
-        self._lifted = ink.clearance(self._tip, self._origins, self._axes) > LIFTED + TIP_RADIUS
+        self._lifted = self._clearance() > LIFTED + TIP_RADIUS
 
     def succeeded(self) -> bool:
         """Both words stand there, with little ink beside them, and the pen is withdrawn."""
