@@ -8,4 +8,9 @@ EXPERIMENTS: dict[str, str] = {
     "teachers": "lfd_gym.experiments.teachers:run",
     "sequence-graphs": "lfd_gym.experiments.sequence_graphs:run",
     "perturbations": "lfd_gym.experiments.perturbations:run",
+    "one-demonstration": "lfd_gym.experiments.one_demonstration:run",
+    "goal-learning": "lfd_gym.experiments.goal_learning:run",
+    "graphs": "lfd_gym.experiments.graphs:run",
+    "classifiers": "lfd_gym.experiments.classifiers:run",
+    "grasping": "lfd_gym.experiments.grasping:run",
 }

@@ -1,45 +1,122 @@
-"""Rows of an experiment: evaluations that are kept on disk, and the table that they make."""
+"""Rows of an experiment: results that are kept on disk, and the table that they make."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from lfd_gym.evaluation import EvaluationReport, evaluate
+import joblib
+
+from lfd_gym.evaluation import evaluate, wilson_interval
 from lfd_gym.paths import written_whole
+from lfd_gym.progress import track
+from lfd_gym.registry import make
 
 FINAL_SEED, DEVELOPMENT_SEED = 1000, 100000
 """First evaluation seed of the figures that are published, and of quick trials."""
+QUICK_EPISODES = 3
+CHUNK = 5
+"""Episodes that one process performs at a time."""
 
 
-def evaluated(
-    path: Path,
-    env_id: str,
-    policy: Callable[[], Any],
-    quick: bool,
-    jobs: int,
-    env_kwargs: Mapping[str, Any] | None = None,
-    episodes: int = 100,
-) -> dict[str, Any]:
-    """One evaluation as a dictionary, read from `path` if it was made before.
+@dataclass(frozen=True)
+class Rows:
+    """Rows kept in a folder: each is made once, so that an interrupted experiment goes on where it stopped."""
 
-    Args:
-        path: JSON file of the row.
-        policy: makes the policy; called only if the row has to be made.
-        quick: few episodes on development seeds.
-    """
-    if not path.exists():
-        n, seed = (3, DEVELOPMENT_SEED) if quick else (episodes, FINAL_SEED)
-        report: EvaluationReport = evaluate(env_id, policy(), n, seed, jobs=jobs, env_kwargs=env_kwargs, progress=True)
-        with written_whole(path) as temporary:
-            temporary.write_text(report.to_json())
-    return json.loads(path.read_text())
+    out: Path
+    """Folder of the experiment."""
+    quick: bool = False
+    """Few episodes on development seeds, in a folder of their own."""
+    jobs: int = 1
+    """Processes."""
+
+    def kept(self, name: str, result: Callable[[], Any]) -> Any:
+        """The JSON value of a row, from `result()` if it is not there yet."""
+        path = (self.out / "quick" if self.quick else self.out) / f"{name}.json"
+        if not path.exists():
+            text = json.dumps(result(), indent=2) + "\n"
+            with written_whole(path) as temporary:
+                temporary.write_text(text)
+        return json.loads(path.read_text())
+
+    def evaluated(
+        self,
+        name: str,
+        env_id: str,
+        policy: Callable[[], Any],
+        episodes: int = 100,
+        env_kwargs: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """One evaluation, as `EvaluationReport.to_dict`; `policy()` is called only if it has to be made."""
+        seeds = self.seeds(episodes)
+
+        def report() -> dict[str, Any]:
+            return evaluate(
+                env_id, policy(), len(seeds), seeds[0], jobs=self.jobs, env_kwargs=env_kwargs, progress=True
+            ).to_dict()
+
+        return self.kept(name, report)
+
+    def observed(
+        self,
+        name: str,
+        env_id: str,
+        policy: Callable[[], Any],
+        episode: Callable[[Any, Any, int], NamedTuple],
+        episodes: int,
+        env_kwargs: Mapping[str, Any] | None = None,
+    ) -> list[dict[str, Any]]:
+        """Per episode what `episode(env, policy, seed)` returns, as dictionaries."""
+
+        def results() -> list[dict[str, Any]]:
+            seeds, shown = self.seeds(episodes), policy()
+            run = joblib.delayed(_run)
+            chunks = [seeds[i : i + CHUNK] for i in range(0, len(seeds), CHUNK)]
+            finished = joblib.Parallel(n_jobs=self.jobs, return_as="generator", batch_size=1)(
+                run(env_id, dict(env_kwargs or {}), shown, episode, chunk) for chunk in chunks
+            )
+            return list(track((row for rows in finished for row in rows), len(seeds), "episodes"))
+
+        return self.kept(name, results)
+
+    def seeds(self, episodes: int) -> range:
+        """Seeds of the setups."""
+        first, n = (DEVELOPMENT_SEED, min(episodes, QUICK_EPISODES)) if self.quick else (FINAL_SEED, episodes)
+        return range(first, first + n)
 
 
-def rate(report: Mapping[str, Any]) -> str:
-    """ "97 [91, 99]": successes in percent with their Wilson interval."""
-    low, high = report["wilson"]
-    return f"{100 * report['success_rate']:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+def _run(
+    env_id: str, env_kwargs: dict[str, Any], policy: Any, episode: Callable[[Any, Any, int], NamedTuple], seeds: range
+) -> list[dict[str, Any]]:
+    env = make(env_id, **env_kwargs)
+    try:
+        return [episode(env, policy, seed)._asdict() for seed in seeds]
+    finally:
+        env.close()
+
+
+def rate(successes: float, n: int) -> str:
+    """ "97 [91, 99]": successes in percent with their 95 % Wilson interval."""
+    low, high = wilson_interval(round(successes), n)
+    return f"{100 * successes / n:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def success(reports: Sequence[Mapping[str, Any]]) -> str:
+    """`rate` of all episodes of some evaluations."""
+    episodes = [episode for report in reports for episode in report["episodes"]]
+    return rate(sum(episode["success"] for episode in episodes), len(episodes))
+
+
+def missed(report: Mapping[str, Any]) -> str:
+    """ "in_box 3, lifted 1": the first part of the task that failed episodes did not reach, most often first."""
+    failed = [episode for episode in report["episodes"] if not episode["success"]]
+    first = Counter(
+        episode["error"] or next((part for part, reached in episode["subtasks"].items() if not reached), "the end")
+        for episode in failed
+    )
+    return ", ".join(f"{part} {n}" for part, n in first.most_common())
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

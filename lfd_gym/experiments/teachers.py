@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from lfd_gym.experiments.rows import evaluated, markdown, rate
+from lfd_gym.experiments.rows import Rows, markdown, success
 from lfd_gym.registry import ENVIRONMENTS, kebab_case, look_up
 from lfd_gym.rollout import TeacherPolicy
 from scripted_teachers import TEACHERS
@@ -20,7 +20,7 @@ CONDITIONS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 def run(out: Path, quick: bool, jobs: int) -> str:
     """Evaluate every teacher under every condition on 100 setups."""
-    rows = []
+    rows, table = Rows(out, quick, jobs), []
     for env_id in ENVIRONMENTS:
         row = [kebab_case(env_id)]
         for name, (teaching, env_kwargs) in CONDITIONS.items():
@@ -28,7 +28,9 @@ def run(out: Path, quick: bool, jobs: int) -> str:
             def policy(env_id: str = env_id, teaching: dict[str, Any] = teaching) -> TeacherPolicy:
                 return TeacherPolicy(look_up(TEACHERS, "teacher for", env_id)(**teaching))
 
-            path = out / f"{kebab_case(env_id)}-{name.replace(' ', '-')}.json"
-            row.append(rate(evaluated(path, env_id, policy, quick, jobs, env_kwargs)))
-        rows.append(row)
-    return markdown(["teacher", *CONDITIONS], rows)
+            report = rows.evaluated(
+                f"{kebab_case(env_id)}-{name.replace(' ', '-')}", env_id, policy, env_kwargs=env_kwargs
+            )
+            row.append(success([report]))
+        table.append(row)
+    return markdown(["teacher", *CONDITIONS], table)
