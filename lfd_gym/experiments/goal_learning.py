@@ -74,11 +74,11 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     rows, errors = Rows(out, quick, jobs), {}
     for name, condition in {**SIGMAS, **OTHERS}.items():
 
-        def result(condition: Condition = condition) -> dict[str, list[list[float]]]:
-            return goal_errors(condition, 3 if quick else RUNS)
+        def result(condition: Condition = condition) -> list[dict[str, list[float]]]:
+            return [goal_errors(condition, i) for i in range(3 if quick else RUNS)]
 
         row = rows.kept(name.replace(",", "").replace(" ", "-"), result)
-        errors[name] = {estimator: 1000.0 * np.array(e) for estimator, e in row.items()}
+        errors[name] = {estimator: 1000.0 * np.array([e[estimator] for e in row]) for estimator in ESTIMATORS}
     _draw(errors, out / "goal-learning.png")
     return _table(errors)
 
@@ -111,15 +111,12 @@ def attracted(x: Array, v: Array, goal: Array) -> tuple[Array, Array]:
     return goal + (x - goal + slope * t) * decay, (v - rate * slope * t) * decay
 
 
-def goal_errors(condition: Condition, runs: int) -> dict[str, list[list[float]]]:
-    """Estimator -> per run and number of demonstrations the error (2.15) [m]."""
-    errors: dict[str, list[list[float]]] = {name: [] for name in ESTIMATORS}
-    for i in range(runs):
-        rng = np.random.default_rng([i, *(round(1e6 * value) for value in condition)])
-        shown = [demonstration(condition, rng) for _ in range(DEMONSTRATIONS)]
-        for name, estimate in ESTIMATORS.items():
-            errors[name].append([goal_error(estimate, shown[:n]) for n in range(1, DEMONSTRATIONS + 1)])
-    return errors
+def goal_errors(condition: Condition, i: int) -> dict[str, list[float]]:
+    """Estimator -> error (2.15) [m] after each demonstration of run i."""
+    rng = np.random.default_rng([i, *(round(1e6 * value) for value in condition)])
+    shown = [demonstration(condition, rng) for _ in range(DEMONSTRATIONS)]
+    counts = range(1, DEMONSTRATIONS + 1)
+    return {name: [goal_error(estimate, shown[:n]) for n in counts] for name, estimate in ESTIMATORS.items()}
 
 
 def goal_error(estimate: Estimator, shown: Sequence[Sequence[Array]]) -> float:
@@ -142,8 +139,8 @@ def _draw(errors: Mapping[str, Mapping[str, Array]], path: Path) -> None:
     for axes in (left, right):
         axes.set_xlabel("demonstrations")
         axes.set_ylabel("goal error (2.15) [mm]")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(fontsize=8)
+        axes.set_ylim(0.0, 1.4 * axes.get_ylim()[1])
+        axes.legend(fontsize=8, ncols=2, loc="upper center")
     save(figure, path)
 
 

@@ -36,7 +36,7 @@ class Rows:
         """The JSON value of a row, from `result()` if it is not there yet."""
         path = (self.out / "quick" if self.quick else self.out) / f"{name}.json"
         if not path.exists():
-            text = json.dumps(result(), indent=2) + "\n"
+            text = _text(result())
             with written_whole(path) as temporary:
                 temporary.write_text(text)
         return json.loads(path.read_text())
@@ -85,6 +85,13 @@ class Rows:
         """Seeds of the setups."""
         first, n = (DEVELOPMENT_SEED, min(episodes, QUICK_EPISODES)) if self.quick else (FINAL_SEED, episodes)
         return range(first, first + n)
+
+
+def _text(value: Any) -> str:
+    """JSON to be read by people: a list has one item per line."""
+    if isinstance(value, list):
+        return "[\n" + ",\n".join(json.dumps(item) for item in value) + "\n]\n"
+    return json.dumps(value, indent=2) + "\n"
 
 
 def _run(
