@@ -16,7 +16,7 @@ from lfd_gym.registry import make
 
 FINAL_SEED, DEVELOPMENT_SEED = 1000, 100000
 """First evaluation seed of the figures that are published, and of quick trials."""
-QUICK_EPISODES = 3
+QUICK_EPISODES = 2
 CHUNK = 5
 """Episodes that one process performs at a time."""
 

@@ -6,44 +6,24 @@ judged by the noise-free teacher in its shadow (`lfd_gym.experiments.shadow`).
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lfd_gym.evaluation import wilson_interval
 from lfd_gym.experiments.figures import Estimate, bar_place, bars, panels, save
+from lfd_gym.experiments.judged import Judged, Summary, differences, judged, summary
 from lfd_gym.experiments.learning import demonstrations, learned_from
-from lfd_gym.experiments.rows import Rows, markdown, rate
+from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.experiments.shadow import judge
 from lfd_gym.report.figures import GOAL
 from scripted_teachers.light_bulb import LightBulbTeacher
-
-Array = NDArray[np.float64]
 
 TASK = "lfd_gym/LightBulb-v0"
 SETUPS, TEACHING_SEEDS, DEMONSTRATIONS = 20, (0, 1, 2), 3
 SIZES = (1, 2, 3)
 TRAINING_SETS = tuple(s for n in SIZES for s in itertools.combinations(range(DEMONSTRATIONS), n))
-RESAMPLES = 2000
-"""Of the bootstrap."""
-
-
-class Judged(NamedTuple):
-    """What the judge saw of one kind of skill."""
-
-    sizes: NDArray[np.int64]
-    """(S,) number of demonstrations of each skill."""
-    right: Array
-    """(S, E, T) how often each skill made each transition right in each setup."""
-    due: Array
-    """(S, E, T) how often it was due."""
-    success: Array
-    """(S, E) whether it solved the task alone."""
-
-    def of_size(self, n: int) -> "Judged":
-        """The skills from n demonstrations."""
-        return Judged(*(array[self.sizes == n] for array in self))
+FEWEST = tuple(tuple(range(n)) for n in SIZES)
 
 
 def compare(rows: Rows, name: str, kinds: Mapping[str, Mapping[str, Any]], orders: Sequence[tuple[str, str]]) -> str:
@@ -55,29 +35,31 @@ def compare(rows: Rows, name: str, kinds: Mapping[str, Mapping[str, Any]], order
         kinds: name -> arguments of the learner.
         orders: pairs of kinds, the one that the thesis found better first.
     """
-    seeds = TEACHING_SEEDS[:1] if rows.quick else TEACHING_SEEDS
-    skills = {kind: _judged_skills(rows, parameters, seeds) for kind, parameters in kinds.items()}
+    skills = {kind: _judged_skills(rows, parameters) for kind, parameters in kinds.items()}
     pairs = sorted(
         {(b, a) for of in skills.values() for s in of for e in s["episodes"] for b, a, _ in e["transitions"]}
     )
-    judged = {kind: _arrays(of, pairs) for kind, of in skills.items()}
-    _draw(rows, name, judged)
+    found = {kind: judged(of, pairs) for kind, of in skills.items()}
+    summaries = {kind: [summary(of.of_size(n)) for n in SIZES] for kind, of in found.items()}
+    _draw(rows.out / f"{name}.png", summaries)
     return "\n\n".join(
         [
             "Success of a transition, and of the whole task without help, in percent, with 95 % intervals (bootstrap over "
             "skills and setups; Wilson for the whole task):",
-            _overview(judged),
+            _overview(found, summaries),
             "Each transition, skills from three demonstrations; in percent:",
-            _details(judged, pairs),
+            _details(found, pairs),
             "Differences in percentage points over all training sets, same demonstrations and setups:",
-            _differences(judged, orders),
+            _differences(found, orders),
         ]
     )
 
 
-def _judged_skills(rows: Rows, parameters: Mapping[str, Any], seeds: Sequence[int]) -> list[dict[str, Any]]:
+def _judged_skills(rows: Rows, parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """One skill for every training set of every teaching seed; of the first seed, one of each size, in a quick trial."""
+    seeds, sets = (TEACHING_SEEDS[:1], FEWEST) if rows.quick else (TEACHING_SEEDS, TRAINING_SETS)
     skills = []
-    for seed, chosen in itertools.product(seeds, TRAINING_SETS):
+    for seed, chosen in itertools.product(seeds, sets):
 
         def skill(seed: int = seed, chosen: tuple[int, ...] = chosen) -> Any:
             shown = demonstrations(TASK, DEMONSTRATIONS, seed)
@@ -88,101 +70,52 @@ def _judged_skills(rows: Rows, parameters: Mapping[str, Any], seeds: Sequence[in
     return skills
 
 
-def _arrays(skills: Sequence[Mapping[str, Any]], pairs: Sequence[tuple[int, int]]) -> Judged:
-    n_setups = len(skills[0]["episodes"])
-    right, due = np.zeros((2, len(skills), n_setups, len(pairs)))
-    success = np.zeros((len(skills), n_setups))
-    for s, skill in enumerate(skills):
-        for e, episode in enumerate(skill["episodes"]):
-            success[s, e] = episode["success"]
-            for before, after, well in episode["transitions"]:
-                due[s, e, pairs.index((before, after))] += 1
-                right[s, e, pairs.index((before, after))] += well
-    return Judged(np.array([skill["size"] for skill in skills]), right, due, success)
-
-
-def per_transition(judged: Judged) -> Array:
-    """(T,) share of right ones of each transition; NaN where it was never due."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(judged.right.sum(axis=(0, 1)) / judged.due.sum(axis=(0, 1)))
-
-
-def resampled(judged: Judged) -> tuple[Array, Array]:
-    """Mean success over the transitions, and success of the whole task, of `RESAMPLES` draws of skills, and of setups for each.
-
-    Equal shapes are drawn alike, so that differences between kinds of skill are paired.
-    """
-    rng = np.random.default_rng(0)
-    n_skills, n_setups, _ = judged.right.shape
-    transitions, whole = np.empty((2, RESAMPLES))
-    for i in range(RESAMPLES):
-        drawn = rng.integers(n_skills, size=(n_skills, 1)), rng.integers(n_setups, size=(n_skills, n_setups))
-        sample = Judged(judged.sizes, judged.right[drawn], judged.due[drawn], judged.success[drawn])
-        transitions[i], whole[i] = np.nanmean(per_transition(sample)), sample.success.mean()
-    return transitions, whole
-
-
-def _overview(judged: Mapping[str, Judged]) -> str:
+def _overview(found: Mapping[str, Judged], summaries: Mapping[str, Sequence[Summary]]) -> str:
     rows = []
-    for (kind, of), n in itertools.product(judged.items(), SIZES):
-        share, chosen = per_transition(of.of_size(n)), of.of_size(n)
-        low, mean, high = np.nanmin(share), np.nanmean(share), np.nanmax(share)
-        estimate = Estimate(float(mean), *_interval(resampled(chosen)[0]))
-        shown = [str(n), str(len(chosen.sizes)), f"{100 * low:.1f}", str(estimate), f"{100 * high:.1f}"]
-        rows.append([kind, *shown, rate(chosen.success.sum(), chosen.success.size)])
+    for kind, of in summaries.items():
+        for n, (worst, mean, best, whole) in zip(SIZES, of, strict=True):
+            skills = np.count_nonzero(found[kind].sizes == n)
+            rows.append([kind, str(n), str(skills), f"{100 * worst:.1f}", str(mean), f"{100 * best:.1f}", str(whole)])
     header = ["skill", "demonstrations", "skills", "worst transition", "mean", "best transition", "whole task"]
     return markdown(header, rows)
 
 
-def _details(judged: Mapping[str, Judged], pairs: Sequence[tuple[int, int]]) -> str:
+def _details(found: Mapping[str, Judged], pairs: Sequence[tuple[int, int]]) -> str:
     names = [p.name for p in LightBulbTeacher.primitives]
-    shares = [per_transition(of.of_size(DEMONSTRATIONS)) for of in judged.values()]
+    shares = np.transpose([of.of_size(DEMONSTRATIONS).shares() for of in found.values()])
     rows = [
-        [f"{names[a]} → {names[b]}", *(f"{100 * share[t]:.1f}" for share in shares)] for t, (a, b) in enumerate(pairs)
+        [f"{names[a]} → {names[b]}", *(f"{100 * s:.1f}" for s in share)]
+        for (a, b), share in zip(pairs, shares, strict=True)
     ]
-    return markdown(["transition", *judged], rows)
+    return markdown(["transition", *found], rows)
 
 
-def _differences(judged: Mapping[str, Judged], orders: Sequence[tuple[str, str]]) -> str:
+def _differences(found: Mapping[str, Judged], orders: Sequence[tuple[str, str]]) -> str:
     rows = []
     for better, worse in orders:
-        one, other = judged[better], judged[worse]
-        values = (
-            np.nanmean(per_transition(one)) - np.nanmean(per_transition(other)),
-            (one.success - other.success).mean(),
-        )
-        cells = []
-        for value, a, b in zip(values, resampled(one), resampled(other), strict=True):
-            low, high = _interval(a - b)
-            found = "reproduced" if low > 0 else "reversed" if high < 0 else "not told apart"
-            cells.append(f"{Estimate(float(value), low, high)}, {found}")
-        rows.append([f"{better} > {worse}", *cells])
+        estimates = differences(found[better], found[worse])
+        rows.append([f"{better} > {worse}", *(f"{e}, {_verdict(e)}" for e in estimates)])
     return markdown(["order in the thesis", "mean over the transitions", "whole task"], rows)
 
 
-def _interval(draws: Array) -> tuple[float, float]:
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return float(low), float(high)
+def _verdict(difference: Estimate) -> str:
+    return "reproduced" if difference.low > 0 else "reversed" if difference.high < 0 else "not told apart"
 
 
-def _draw(rows: Rows, name: str, judged: Mapping[str, Judged]) -> None:
-    transitions: dict[str, list[Estimate]] = {kind: [] for kind in judged}
-    whole: dict[str, list[Estimate]] = {kind: [] for kind in judged}
+def _draw(path: Path, summaries: Mapping[str, Sequence[Summary]]) -> None:
     figure, (left, right) = panels(2)
-    for (i, (kind, of)), (j, n) in itertools.product(enumerate(judged.items()), enumerate(SIZES)):
-        chosen = of.of_size(n)
-        share = per_transition(chosen)
-        transitions[kind].append(Estimate(float(np.nanmean(share)), *_interval(resampled(chosen)[0])))
-        solved, tried = int(chosen.success.sum()), chosen.success.size
-        whole[kind].append(Estimate(solved / tried, *wilson_interval(solved, tried)))
-        extremes = 100.0 * np.array([np.nanmin(share), np.nanmax(share)])
-        left.plot(np.full(2, bar_place(j, i, len(judged))), extremes, "_", color=GOAL, markersize=9)
-    bars(left, [str(n) for n in SIZES], transitions)
-    bars(right, [str(n) for n in SIZES], whole)
-    left.set_ylabel("success of a transition [%]")
+    sizes = [str(n) for n in SIZES]
+    bars(left, sizes, {kind: [s.mean for s in of] for kind, of in summaries.items()})
+    bars(right, sizes, {kind: [s.whole for s in of] for kind, of in summaries.items()})
+    for i, of in enumerate(summaries.values()):
+        x = bar_place(np.arange(len(SIZES)), i, len(summaries))
+        for extreme in ([s.worst for s in of], [s.best for s in of]):
+            left.plot(x, 100.0 * np.array(extreme), "_", color=GOAL, markersize=9)
     left.set_title("mean over the transitions; marks: the worst and the best one", fontsize=9)
+    left.set_ylabel("success of a transition [%]")
     right.set_ylabel("success of the whole task [%]")
     for axes in (left, right):
         axes.set_xlabel("demonstrations")
-    right.legend(fontsize=8, loc="lower right")
-    save(figure, rows.out / f"{name}.png")
+        axes.set_ylim(0.0, 125.0)
+    right.legend(fontsize=8, ncols=len(summaries), loc="upper center")
+    save(figure, path)
