@@ -1,0 +1,55 @@
+"""Demonstrations brought to a common time (thesis 4.3.2)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from dtw import dtw
+from numpy.typing import NDArray
+
+from policies.moa.frames import Frames, resample
+
+Array = NDArray[np.float64]
+
+
+def frame_distances(local: Array, other: Array) -> Array:
+    """Cost (N, M) of (4.30): the distance of two points in the frame in which they are nearest; inputs (N, F, d), (M, F, d)."""
+    nearest = np.full((len(local), len(other)), np.inf)
+    for f in range(local.shape[1]):
+        a, b = local[:, f], other[:, f]
+        squared = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * a @ b.T
+        np.minimum(nearest, squared, out=nearest)
+    return np.sqrt(np.maximum(nearest, 0.0))
+
+
+def warp(reference: Array, other: Array) -> Array:
+    """Fractional time steps (N,) of `other` (M, F, d) that match the steps of `reference` (N, F, d).
+
+    Monotone; first and last steps match. A step of the reference with several partners gets their mean.
+    """
+    path = dtw(frame_distances(reference, other))
+    count = np.bincount(path.index1, minlength=len(reference))
+    index = np.bincount(path.index1, weights=path.index2, minlength=len(reference)) / count
+    index[0], index[-1] = 0.0, len(other) - 1.0
+    return np.asarray(index)
+
+
+def align(
+    trajectories: Sequence[Array],
+    frames: Sequence[Frames],
+    reference: int | None = None,
+) -> list[Array]:
+    """The warp (N,) of every trajectory (N_m, d) to the time of a reference.
+
+    The reference is one of the trajectories; where None, the first one of median length. Trajectories of other entities
+    that were recorded at the same time are aligned by the same warps.
+    """
+    local = [frame.local(points) for points, frame in zip(trajectories, frames, strict=True)]
+    if reference is None:
+        reference = int(np.argsort([len(points) for points in local], kind="stable")[(len(local) - 1) // 2])
+    own = np.arange(len(local[reference]), dtype=np.float64)
+    return [own if m == reference else warp(local[reference], other) for m, other in enumerate(local)]
+
+
+def warped(points: Array, frames: Frames, index: Array) -> tuple[Array, Frames]:
+    """Trajectory and frames at the fractional time steps of a warp."""
+    return resample(points, index), frames.resampled(index)

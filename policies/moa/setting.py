@@ -1,0 +1,91 @@
+"""Aligned demonstrations, attractors and support points: all that a tracking problem is made of (Algorithm 4, lines 1-10)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from policies.moa.alignment import warped
+from policies.moa.attractors import BoxAttractors, join
+from policies.moa.frames import Frames
+from policies.moa.response import Response
+from policies.moa.support_points import Interpolation
+from policies.moa.tracking import Group, TrackingProblem
+
+Array = NDArray[np.float64]
+
+
+class Setting(NamedTuple):
+    """What is given once demonstrations share their time."""
+
+    points: list[Array]
+    """Per demonstration (N, d)."""
+    frames: list[Frames]
+    attractors: BoxAttractors
+    weights: Interpolation
+    response: Response
+
+    @property
+    def local(self) -> list[Array]:
+        """Per demonstration its points in every frame (N, F, d)."""
+        return [frame.local(x) for x, frame in zip(self.points, self.frames, strict=True)]
+
+    @property
+    def spread(self) -> float:
+        """Root mean square distance of the points of a demonstration from their mean."""
+        return float(np.sqrt(np.mean([x.var(axis=0).sum() for x in self.points])))
+
+    def matrices(self) -> list[Array]:
+        """Per demonstration the map from interpolated z to goals, (1, d, P) or (N, d, P)."""
+        found = [self.attractors.goal_matrix(frame) for frame in self.frames]
+        return [matrix if matrix.ndim == 3 else matrix[None] for matrix in found]
+
+    def problem(self) -> TrackingProblem:
+        """The sum of squared errors (4.29) of the simulated trajectories."""
+        matrices = self.matrices()
+        steps = max(len(matrix) for matrix in matrices)
+        stacked = np.concatenate([np.broadcast_to(m, (steps, *m.shape[1:])) for m in matrices], axis=1)
+        targets = [x - self.response.free(x[0], x[1], len(x)) for x in self.points]
+        group = Group(self.weights, stacked, np.concatenate(targets, axis=1), self.response)
+        return TrackingProblem((group,), self.attractors.n_frames)
+
+    def resting_at_goal(self, frame: int) -> Array:
+        """z (P,) of the single goal that lies at the mean end point, seen from a frame.
+
+        Raises InvalidArgumentError for a frame that does not exist.
+        """
+        n = self.attractors.n_frames
+        if not -n <= frame < n:
+            raise InvalidArgumentError(f"no frame {frame}; possible: 0 to {n - 1}")
+        alpha, rho = np.zeros(n), np.zeros(self.attractors.low.shape)
+        low, high = self.attractors.low[frame], self.attractors.high[frame]
+        end = np.mean([x[-1, frame] for x in self.local], axis=0)
+        alpha[frame] = 1.0
+        rho[frame] = np.clip((2.0 * end - low - high) / np.maximum(high - low, np.finfo(float).tiny), -1.0, 1.0)
+        return join(alpha, rho)
+
+    @classmethod
+    def of_demonstrations(
+        cls,
+        points: Sequence[Array],
+        frames: Sequence[Frames],
+        warps: Sequence[Array],
+        attractors: BoxAttractors | float,
+        weights: Interpolation,
+        response: Response,
+    ) -> Self:
+        """Demonstrations brought to one time by their warps; attractors are given, or the margin of bounding boxes."""
+        pairs = [warped(x, frame, index) for x, frame, index in zip(points, frames, warps, strict=True)]
+        if isinstance(attractors, float):
+            attractors = BoxAttractors.around(np.concatenate([frame.local(x) for x, frame in pairs]), attractors)
+        return cls([x for x, _ in pairs], [frame for _, frame in pairs], attractors, weights, response)
+
+
+def common_length(warps: Sequence[Array]) -> int:
+    """Time steps N of aligned demonstrations; raises DemonstrationError where they differ."""
+    lengths = sorted({len(index) for index in warps})
+    if len(lengths) > 1:
+        raise DemonstrationError(f"aligned demonstrations have one length, not {', '.join(map(str, lengths))}")
+    return lengths[0]

@@ -1,0 +1,296 @@
+"""MixtureOfAttractors: what it learns from demonstrations (thesis 4.3, 4.4)."""
+
+import numpy as np
+import pytest
+from moa_scenes import ALPHA, DT, draw, planted, random_frames, turn
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
+from policies.moa import Frames, MixtureOfAttractors, sparsity
+from policies.moa.start_and_end import least_error, start_and_end
+
+SETTINGS = {"n_support": 12, "alpha": ALPHA, "dt": DT, "aligned": True}
+
+
+def learned(points, frames, **kwargs):
+    return MixtureOfAttractors(**{**SETTINGS, **kwargs}).fit(points, frames)
+
+
+def rms(moa):
+    return np.sqrt(np.mean([(r**2).sum(axis=1).mean() for r in moa.residuals_]))
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_planted_model_is_drawn_in_a_new_scene(moving):
+    rng = np.random.default_rng(0)
+    attractors, z, points, frames = planted(rng, moving=moving)
+    moa = learned(points, frames, margin=0.5, accuracy=1e-4)
+    new = random_frames(rng, 3, 2, 120 if moving else None)
+    wanted = draw(z, attractors, new, 120)
+    assert np.abs(moa.predict(new, wanted[0]) - wanted).max() < 0.01
+    assert moa.sparsity_ > 0.9
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_turning_and_shifting_the_scene_turns_and_shifts_the_answer(moving):
+    rng = np.random.default_rng(1)
+    _, _, points, frames = planted(rng, 4, d=3, moving=moving, noise=0.01)
+    rotation, shift = turn(rng, 3), rng.normal(size=3)
+    here = learned(points, frames, tolerance=1e-9)
+    there = learned(
+        [x @ rotation.T + shift for x in points], [f.moved(rotation, shift) for f in frames], tolerance=1e-9
+    )
+    assert there.objective_ == pytest.approx(here.objective_, rel=1e-6)
+    new = random_frames(rng, 3, 3, 120 if moving else None)
+    x = here.predict(new, np.zeros(3))
+    np.testing.assert_allclose(there.predict(new.moved(rotation, shift), shift), x @ rotation.T + shift, atol=2e-4)
+
+
+def test_activations_are_non_negative_and_sum_to_one():
+    _, _, points, frames = planted(np.random.default_rng(2), noise=0.02)
+    moa = learned(points, frames)
+    a = moa.attractor_activations()
+    assert a.shape == (12, 3, 4)
+    assert a.min() >= 0.0
+    assert np.abs(a.sum(axis=(1, 2)) - 1.0).max() < 1e-12
+    assert moa.frame_activations_.min() >= 0.0
+    assert np.abs(moa.frame_activations_.sum(axis=1) - 1.0).max() < 1e-12
+    np.testing.assert_allclose(a.sum(axis=2), moa.z_[:, :3], atol=1e-12)
+
+
+def test_result_carries_objective_gap_residuals_and_sparsity():
+    _, _, points, frames = planted(np.random.default_rng(3), 2, noise=0.02)
+    moa = learned(points, frames)
+    assert moa.objective_ == pytest.approx(sum((r**2).sum() for r in moa.residuals_), rel=1e-9)
+    assert moa.minimum_.relative_gap <= 1e-6
+    assert 0.0 <= moa.objective_ - moa.minimum_.error <= moa.gap_
+    assert moa.sparsity_ == sparsity(moa.frame_activations_)
+    assert learned(points, frames, second_stage=False).gap_ <= 1e-6 * moa.objective_
+
+
+def test_sparsity_is_one_for_single_frames_and_1_over_k_for_alike_ones():
+    assert sparsity(np.eye(3)[[0, 0, 1, 2]]) == pytest.approx(1.0)
+    assert sparsity(np.full((7, 4), 0.25)) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("solver", ["proxqp", "softmax"])
+def test_every_solver_can_be_asked_for(solver):
+    _, _, points, frames = planted(np.random.default_rng(4), 3, n_support=5, n_frames=2, n_steps=40, noise=0.02)
+    ours = learned(points, frames, n_support=5, second_stage=False)
+    other = learned(points, frames, n_support=5, second_stage=False, solver=solver)
+    farther = 0.2 if solver == "softmax" else 1e-6  # gradients may stop where a softmax saturates
+    assert (1.0 - 1e-6) * ours.objective_ <= other.objective_ <= (1.0 + farther) * ours.objective_
+
+
+def test_a_boxed_goal_must_lead():
+    points = [np.stack([np.sin(np.linspace(0, 6, 150)), np.linspace(0, 0.2, 150)], axis=1)]
+    tight, wide = (learned(points, None, n_support=30, alpha=20.0, margin=margin) for margin in (0.0, 0.1))
+    assert rms(wide) < 0.5 * rms(tight)
+
+
+def test_free_activations_track_best():
+    _, _, points, frames = planted(np.random.default_rng(5), 2, n_steps=60, noise=0.02)
+    free = learned(points, frames, n_support=None, second_stage=False)
+    assert free.frame_activations_.shape == (60, 3)
+    assert free.objective_ < learned(points, frames, second_stage=False).objective_
+
+
+def approach_two_objects(rng, n):
+    """Demonstrations that visit object 1, then object 2, closely; the world is far away."""
+    t = np.linspace(0.0, 1.0, 120)[:, None]
+    points, frames = [], []
+    for _ in range(n):
+        objects = random_frames(rng, 2, 2)
+        circle = 0.05 * np.hstack([np.cos(9 * t), np.sin(9 * t)])
+        there = objects.origins[:, None] + circle @ objects.axes.swapaxes(1, 2)
+        points.append(np.where(t < 0.5, there[0], there[1]))
+        frames.append(Frames.joined([Frames.at([[2.0, 2.0]]), objects]))
+    return points, frames
+
+
+def test_one_demonstration_generalises_by_the_second_stage_only():
+    rng = np.random.default_rng(6)
+    points, frames = approach_two_objects(rng, 8)
+    with_it, without = (learned(points[:1], frames[:1], second_stage=stage) for stage in (True, False))
+    unseen = list(zip(points[1:], frames[1:], strict=True))
+    errors = [
+        [np.median(np.linalg.norm(moa.predict(f, x[0]) - x, axis=1)) for x, f in unseen] for moa in (with_it, without)
+    ]
+    assert np.mean(errors[0]) < 0.02 < 0.1 < np.mean(errors[1])
+    assert with_it.sparsity_ > 0.85 > 0.5 > without.sparsity_
+    spread = np.sqrt(points[0].var(axis=0).sum())
+    assert rms(with_it) <= np.sqrt(1.05 * rms(without) ** 2 + (3e-3 * spread) ** 2) * 1.001
+
+
+def letter(rng, start, end):
+    """A bow between two points, with a little error."""
+    t = np.linspace(0.0, 1.0, 100)[:, None]
+    bow = np.stack([0.3 * np.sin(2 * np.pi * t), 0.4 * np.sin(np.pi * t)], axis=2)[:, 0]
+    return start + (end - start) * (3 * t**2 - 2 * t**3) + bow * (1.0 + 0.02 * rng.normal())
+
+
+def letters(rng, n):
+    return [letter(rng, rng.normal(0.0, 0.2, 2), np.array([1.0, 0.0]) + rng.normal(0.0, 0.2, 2)) for _ in range(n)]
+
+
+def test_start_and_end_frames_reach_what_their_class_can():
+    points = letters(np.random.default_rng(7), 8)
+    moa = learned(points, [start_and_end(x) for x in points], n_support=20, alpha=100.0, dt=0.01, second_stage=False)
+    assert rms(moa) ** 2 < 1.1 * least_error(points).mean()
+
+
+def test_least_error_is_a_bound_of_its_class():
+    rng = np.random.default_rng(8)
+    points = np.array(letters(rng, 6)) + 0.05 * rng.normal(size=(6, 100, 2))
+    for _ in range(200):
+        w, q = rng.uniform(size=(100, 1)), rng.normal(0.0, 0.3, (100, 2))
+        drawn = w * points[:, :1] + (1.0 - w) * points[:, -1:] + q
+        assert (((drawn - points) ** 2).sum(axis=2).mean(axis=0) >= least_error(points)).all()
+
+
+def test_a_letter_is_drawn_where_start_equals_end():
+    points = letters(np.random.default_rng(9), 8)
+    moa = learned(points, [start_and_end(x) for x in points], n_support=20, alpha=100.0, dt=0.01, goal_frame=1)
+    here = np.array([3.0, 1.0])
+    x = moa.predict(Frames.at([here, here]), here)
+    assert np.ptp(x, axis=0).min() > 0.3
+    assert np.linalg.norm(moa.predict(Frames.at([here, here]), here, n=600)[-1] - here) < 1e-6
+
+
+def test_a_movement_ends_at_its_goal_frame():
+    rng = np.random.default_rng(10)
+    points = letters(rng, 5)
+    frames = [start_and_end(x) for x in points]
+    moa = learned(points, frames, alpha=100.0, dt=0.01, goal_frame=1)
+    scene = Frames.at([[0.2, 0.3], [1.4, -0.5]])
+    assert np.linalg.norm(moa.predict(scene, scene.origins[0], n=800)[-1] - scene.origins[1]) < 1e-6
+    loose = learned(points, frames, alpha=100.0, dt=0.01, second_stage=False)
+    assert moa.minimum_.error >= loose.minimum_.error * (1.0 - 1e-6)
+
+
+def test_joint_limits_are_kept_from_rest():
+    rng = np.random.default_rng(11)
+    low, high = -np.ones(7), np.ones(7)
+    t = np.linspace(0.0, 1.0, 200)[:, None]
+    points = [0.999 * np.sin(t * rng.uniform(5, 20, 7) + rng.uniform(0, 6, 7)) for _ in range(2)]
+    moa = learned(points, None, n_support=40, bounds=(low[None], high[None]))
+    for start in (low, high, np.zeros(7)):
+        x = moa.predict(Frames.world(7), start, n=400)
+        assert x.min() >= -1.0 - 1e-12
+        assert x.max() <= 1.0 + 1e-12
+    assert moa.attractor_activations().shape == (40, 1, 128)
+
+
+def test_one_step_likelihood_never_falls_and_finds_where_demonstrations_scatter():
+    rng = np.random.default_rng(12)
+    points = letters(rng, 12)
+    response_noise = np.where(np.arange(100)[:, None] < 50, 1e-4, 5e-3)
+    points = [np.asarray(x + response_noise * rng.normal(size=x.shape)) for x in points]
+    moa = learned(points, [start_and_end(x) for x in points], n_support=10, alpha=100.0, dt=0.01, objective="one-step")
+    likelihood = moa.one_step_.log_likelihood
+    assert len(likelihood) > 2
+    assert np.diff(likelihood).min() > -1e-6 * abs(likelihood[-1])
+    spread = np.sqrt(np.trace(moa.one_step_.covariances, axis1=1, axis2=2))
+    assert spread[7:].mean() > 5.0 * spread[1:4].mean()
+
+
+def test_one_step_weights_all_directions_by_their_variance():
+    rng = np.random.default_rng(13)
+    moa = learned(letters(rng, 6), [start_and_end(x) for x in letters(rng, 6)], n_support=10, objective="one-step")
+    assert (np.linalg.eigvalsh(moa.one_step_.covariances) > 0.0).all()
+
+
+def test_moving_goals_follow_their_frames():
+    rng = np.random.default_rng(14)
+    _, _, points, frames = planted(rng, noise=0.01)
+    moa = learned(points, frames)
+    scene = random_frames(rng, 3, 2, 120)
+    alpha, places = moa.activations()
+    goals = moa.goals(scene)
+    for i in range(0, 120, 17):
+        parts = [alpha[i, f] * scene.origins[i, f] + scene.axes[i, f] @ places[i, f] for f in range(3)]
+        np.testing.assert_allclose(goals[i], np.sum(parts, axis=0), atol=1e-12)
+
+
+def test_trajectories_are_aligned_first():
+    rng = np.random.default_rng(15)
+    points = letters(rng, 4)
+    slow = [x[np.sort(rng.integers(0, 100, 160))] for x in points]
+    slow = [np.vstack([x[:1], y, x[-1:]]) for x, y in zip(points, slow, strict=True)]
+    frames = [start_and_end(x) for x in slow]
+    moa = learned(slow, frames, aligned=False)
+    assert len(moa.residuals_[0]) == moa.n_steps_ == 162
+    given = learned(slow, frames, aligned=False)
+    assert given.objective_ == pytest.approx(
+        MixtureOfAttractors(**{**SETTINGS, "aligned": False}).fit(slow, frames, warps=moa.warps_).objective_
+    )
+
+
+def test_warm_start_uses_the_previous_fit():
+    _, _, points, frames = planted(np.random.default_rng(16), noise=0.02)
+    moa = MixtureOfAttractors(**SETTINGS, second_stage=False, warm_start=True).fit(points, frames)
+    cold = moa.minimum_
+    assert moa.fit(points, frames).minimum_.n_iterations < cold.n_iterations
+    assert moa.minimum_.error == pytest.approx(cold.error, rel=1e-5)
+
+
+def test_arguments_are_not_changed_and_estimator_is_cloned():
+    _, _, points, frames = planted(np.random.default_rng(17), 2, noise=0.01)
+    before = [x.copy() for x in points]
+    moa = clone(MixtureOfAttractors(**SETTINGS)).fit(points, frames)
+    assert moa.get_params()["n_support"] == 12
+    for x, y in zip(points, before, strict=True):
+        np.testing.assert_array_equal(x, y)
+    np.testing.assert_array_equal(moa.z_, clone(moa).fit(points, frames).z_)
+
+
+LINE = np.linspace([0.0, 0.0], [1.0, 1.0], 50)
+WORLD = Frames.world(2)
+
+
+@pytest.mark.parametrize(
+    ("points", "frames", "message"),
+    [
+        ([], None, "no demonstration was given"),
+        ([LINE[:1]], None, r"shape \(1, 2\); needed: at least 3 points"),
+        ([LINE[:0]], None, r"shape \(0, 2\)"),
+        ([LINE[:, 0]], None, r"shape \(50,\)"),
+        ([LINE, np.where(LINE[7] == LINE, np.nan, LINE)], None, "demonstration 1 is not finite at step 7"),
+        ([np.ones((50, 2))], None, "demonstration 0 has length 0"),
+        ([LINE, LINE[:, :1]], None, "demonstration 1 has 1 dimensions, demonstration 0 2"),
+        ([LINE, LINE], [WORLD], "2 demonstrations came with the frames of 1"),
+        ([LINE, LINE], [WORLD, Frames.at(np.zeros((2, 2)))], "demonstration 1 has 2 frames, demonstration 0 1"),
+        ([LINE], [Frames.world(3)], "demonstration 0 has 2 dimensions, its frames 3"),
+        ([LINE], [Frames.at(LINE[:40, None])], "demonstration 0 has 50 points, its frames 40 time steps"),
+        ([LINE, LINE[:40]], None, "aligned demonstrations have one length, not 40, 50"),
+    ],
+)
+def test_demonstrations_that_cannot_be_learned_from(points, frames, message):
+    with pytest.raises(DemonstrationError, match=message):
+        learned(points, frames)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"n_support": 51}, "51 support points; possible: 2 to the number of time steps, 50"),
+        ({"n_support": 1}, "1 support points"),
+        ({"alpha": -1.0}, "must be positive"),
+        ({"goal_frame": 1}, "no frame 1; possible: 0 to 0"),
+        ({"objective": "mse"}, "no objective 'mse'"),
+        ({"bounds": (np.zeros((1, 3)), np.ones((1, 3)))}, r"bounds are two arrays \(1, 2\)"),
+    ],
+)
+def test_arguments_that_are_not_possible(settings, message):
+    with pytest.raises(InvalidArgumentError, match=message):
+        learned([LINE], None, **settings)
+
+
+def test_a_solver_that_is_not_there_and_frames_that_do_not_fit():
+    with pytest.raises(UnknownNameError, match="no solver 'quick'"):
+        learned([LINE], None, solver="quick")
+    with pytest.raises(InvalidArgumentError, match="2 frames over any number of steps were given; 1 frames over 50"):
+        learned([LINE], None).predict(Frames.at(np.zeros((2, 2))), np.zeros(2))
+    with pytest.raises(NotFittedError):
+        MixtureOfAttractors().predict(WORLD, np.zeros(2))
