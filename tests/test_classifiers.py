@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.linalg import cho_solve
 from scipy.optimize import minimize
 from scipy.stats import norm
 from sklearn.datasets import make_moons
@@ -10,6 +11,7 @@ from sklearn.metrics.pairwise import rbf_kernel
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from policies.classifiers import GaussianMixtureClassifier, ImportVectorMachine, KernelLogisticRegression
+from policies.classifiers import import_vector_machine as ivm
 from policies.classifiers.gaussian_mixture import expectation_maximisation, single_gaussian, split
 
 
@@ -65,18 +67,38 @@ def test_objective_of_the_import_vector_machine_falls_and_its_stop_is_the_relati
     assert len(ImportVectorMachine(max_imports=3).fit(X, y).support_vectors_) == 3
 
 
-def test_first_import_is_among_the_best_of_all_single_kernels():
+def test_first_and_second_import_are_among_the_best_of_all_kernels():
     X, y, weights = overlapping(2, seed=3)
-    machine = ImportVectorMachine(C=3.0, max_imports=1).fit(X, y, sample_weight=weights)
-    kernels = rbf_kernel(X, gamma=machine.gamma_)
+    machine = ImportVectorMachine(C=3.0, max_imports=2, tol=0.0).fit(X, y, sample_weight=weights)
+    gram = rbf_kernel(X, gamma=machine.gamma_)
 
-    def objective(parameters: np.ndarray, kernel: np.ndarray) -> float:
-        z = (2 * y - 1) * (parameters[0] + parameters[1] * kernel)
-        return 3.0 * weights @ np.logaddexp(0, -z) + 0.5 * parameters[1] ** 2
+    def objective(parameters: np.ndarray, chosen: list[int]) -> float:
+        z = (2 * y - 1) * (parameters[0] + gram[:, chosen] @ parameters[1:])
+        return (
+            3.0 * weights @ np.logaddexp(0, -z) + 0.5 * parameters[1:] @ gram[np.ix_(chosen, chosen)] @ parameters[1:]
+        )
 
-    best = sorted(minimize(objective, np.zeros(2), args=(kernel,)).fun for kernel in kernels)
-    assert machine.objective_[1] == pytest.approx(best[0], rel=1e-2)
-    assert machine.objective_[1] < best[len(best) // 10]
+    imported = [int(np.flatnonzero((row == X).all(axis=1))[0]) for row in machine.support_vectors_]
+    for n, before in ((1, []), (2, imported[:1])):
+        candidates = [[*before, i] for i in range(len(X)) if i not in before]
+        found = sorted(minimize(objective, np.zeros(n + 1), args=(chosen,)).fun for chosen in candidates)
+        assert machine.objective_[n] == pytest.approx(minimize(objective, np.zeros(n + 1), args=(imported[:n],)).fun)
+        assert machine.objective_[n] < found[3]
+
+
+@pytest.mark.parametrize("n_classes", [2, 3])
+def test_candidates_are_ranked_by_one_newton_step_over_all_coefficients(n_classes):
+    X, y, weights = overlapping(n_classes, n=10)
+    gram, class_weights = rbf_kernel(X, gamma=1.0), weights[:, None] * np.eye(n_classes)[y]
+    imported, columns = [3, 7], 1 if n_classes == 2 else n_classes
+    state = ivm._converge(ivm._problem(gram, imported, class_weights), np.zeros((3, columns)))
+    gain = ivm._gain(gram, imported, class_weights, state)
+    for candidate in (i for i in range(len(X)) if i not in imported):
+        start = np.vstack([state.coefficients, np.zeros(columns)])
+        larger, gradient = ivm._problem(gram, [*imported, candidate], class_weights).expand(start)
+        assert gain[candidate] == pytest.approx(
+            0.5 * gradient.ravel() @ cho_solve(larger.factor, gradient.ravel()), rel=1e-4
+        )
 
 
 def test_single_gaussians_are_bayes_rule():

@@ -96,6 +96,25 @@ def test_primitive_that_presses_may_end_anywhere(usual):
     assert find_outliers([usual[0], shifted(usual[1], TWIST, np.array([0.0, 0.0, 0.2])), usual[2]]) == []
 
 
+def test_others_that_differ_among_themselves_say_nothing_about_the_order(usual):
+    skipped = relabelled(usual[0], np.where(usual[0].labels == TURN_BACK, CARRY, usual[0].labels))
+    other = relabelled(usual[1], np.where(usual[1].labels == TURN_BACK, CLOSE, usual[1].labels))
+    for demonstrations, known in (([skipped, *usual[2:4]], True), ([skipped, other, usual[2]], False)):
+        reasons = [reason for outlier in find_outliers(demonstrations) for reason in outlier.reasons]
+        assert any(reason.startswith("after 'release' comes 'carry'") for reason in reasons) == known
+
+
+def test_recording_may_stop_in_the_middle_of_its_last_primitive(usual):
+    """It stops when the task is solved, here with the hand still closed."""
+    first = usual[0]
+    n = segments(first.labels)[-1].start + 3
+    arrays = {name: getattr(first, name)[:n] for name in ("actions", "rewards", "labels")}
+    observations = {name: rows[: n + 1] for name, rows in first.observations.items()}
+    cut = dataclasses.replace(first, observations=observations, states=first.states[: n + 1], **arrays)
+    assert cut.observations["hand_position"][-1, 1] > 1.0
+    assert find_outliers([cut, *usual[1:3]]) == []
+
+
 def test_another_way_with_primitives_of_its_own_is_no_outlier(usual):
     """Only an unusual order of what the others do, too, speaks against a demonstration."""
     own = np.where(usual[1].labels == CLOSE, TWIST, usual[1].labels)
