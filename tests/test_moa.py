@@ -7,7 +7,8 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
-from policies.moa import Frames, MixtureOfAttractors, sparsity
+from policies.moa.frames import Frames
+from policies.moa.mixture_of_attractors import MixtureOfAttractors, sparsity
 from policies.moa.start_and_end import least_error, start_and_end
 
 SETTINGS = {"n_support": 12, "alpha": ALPHA, "dt": DT, "aligned": True}
@@ -36,7 +37,7 @@ def test_a_planted_model_is_drawn_in_a_new_scene(moving):
 def test_turning_and_shifting_the_scene_turns_and_shifts_the_answer(moving):
     rng = np.random.default_rng(1)
     _, _, points, frames = planted(rng, 4, d=3, moving=moving, noise=0.01)
-    rotation, shift = turn(rng, 3), rng.normal(size=3)
+    rotation, shift = turn(rng, 3), 50.0 * rng.normal(size=3)
     here = learned(points, frames, tolerance=1e-9)
     there = learned(
         [x @ rotation.T + shift for x in points], [f.moved(rotation, shift) for f in frames], tolerance=1e-9
@@ -180,6 +181,7 @@ def test_joint_limits_are_kept_from_rest():
         assert x.min() >= -1.0 - 1e-12
         assert x.max() <= 1.0 + 1e-12
     assert moa.attractor_activations().shape == (40, 1, 128)
+    assert moa.predict(Frames.world(7), 0.5 * high, high).max() > 1.01  # not kept by a start in motion
 
 
 def test_one_step_likelihood_never_falls_and_finds_where_demonstrations_scatter():

@@ -5,9 +5,8 @@ import pytest
 from moa_scenes import random_frames, turn
 
 from lfd_gym.errors import InvalidArgumentError
-from policies.moa import Frames, align
-from policies.moa.alignment import frame_distances, warp, warped
-from policies.moa.frames import resample
+from policies.moa.alignment import align, frame_distances, warp, warped
+from policies.moa.frames import Frames, resample
 from policies.moa.parking import parked
 
 

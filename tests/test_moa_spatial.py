@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
-from policies.moa import Frames
+from policies.moa.frames import Frames
 from policies.moa.spatial import SpatialMixtureOfAttractors
 from policies.moa.start_and_end import start_and_end
 

@@ -35,17 +35,17 @@ class OneStepFit(NamedTuple):
     converged: bool
 
 
-def fit_one_step(setting: Setting, solve: Callable[[TrackingProblem], Solution], tolerance: float = 1e-6) -> OneStepFit:
+def fit_one_step(setting: Setting, solve: Callable[[TrackingProblem], Solution], tolerance: float = 1e-4) -> OneStepFit:
     """Activations and covariances in turn, each exactly, until the likelihood rises by less than `tolerance` of itself.
 
     `solve` minimises a weighted problem.
     """
-    weights, response, matrices = setting.weights, setting.response, setting.matrices()
+    weights, response = setting.weights, setting.response
+    points, matrices = setting.centred()
     d = setting.attractors.n_dimensions
-    wanted = [np.vstack([np.zeros((2, d)), response.wanted_goals(points)]) for points in setting.points]
+    wanted = [np.vstack([np.zeros((2, d)), response.wanted_goals(x)]) for x in points]
     owner = (weights.first + weights.values.argmax(axis=1))[2:]
-    spread = np.concatenate(setting.points).var(axis=0).sum() * response.c3**2
-    covariances = np.tile(np.eye(d) * spread, (weights.n_support, 1, 1))
+    covariances = np.tile(np.eye(d) * (response.c3 * setting.spread) ** 2, (weights.n_support, 1, 1))
     history: list[float] = []
     while True:
         problem = _weighted(setting, wanted, matrices, covariances, owner)

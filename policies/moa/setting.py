@@ -37,17 +37,17 @@ class Setting(NamedTuple):
         """Root mean square distance of the points of a demonstration from their mean."""
         return float(np.sqrt(np.mean([x.var(axis=0).sum() for x in self.points])))
 
-    def matrices(self) -> list[Array]:
-        """Per demonstration the map from interpolated z to goals, (1, d, P) or (N, d, P)."""
-        found = [self.attractors.goal_matrix(frame) for frame in self.frames]
-        return [matrix if matrix.ndim == 3 else matrix[None] for matrix in found]
+    def centred(self) -> tuple[list[Array], list[Array]]:
+        """Per demonstration what `centred` gives."""
+        pairs = [centred(x, frame, self.attractors) for x, frame in zip(self.points, self.frames, strict=True)]
+        return [x for x, _ in pairs], [matrix for _, matrix in pairs]
 
     def problem(self) -> TrackingProblem:
         """The sum of squared errors (4.29) of the simulated trajectories."""
-        matrices = self.matrices()
+        points, matrices = self.centred()
         steps = max(len(matrix) for matrix in matrices)
         stacked = np.concatenate([np.broadcast_to(m, (steps, *m.shape[1:])) for m in matrices], axis=1)
-        targets = [x - self.response.free(x[0], x[1], len(x)) for x in self.points]
+        targets = [x - self.response.free(x[0], x[1], len(x)) for x in points]
         group = Group(self.weights, stacked, np.concatenate(targets, axis=1), self.response)
         return TrackingProblem((group,), self.attractors.n_frames)
 
@@ -81,6 +81,16 @@ class Setting(NamedTuple):
         if isinstance(attractors, float):
             attractors = BoxAttractors.around(np.concatenate([frame.local(x) for x, frame in pairs]), attractors)
         return cls([x for x, _ in pairs], [frame for _, frame in pairs], attractors, weights, response)
+
+
+def centred(points: Array, frames: Frames, attractors: BoxAttractors) -> tuple[Array, Array]:
+    """A trajectory (N, d) and the map from interpolated z to goals, (1, d, P) or (N, d, P), both about its mean.
+
+    Activations sum to one, so the origin does not matter, but to rounding it does.
+    """
+    middle = points.mean(axis=0)
+    matrix = attractors.goal_matrix(frames.moved(np.eye(len(middle)), -middle))
+    return points - middle, matrix if matrix.ndim == 3 else matrix[None]
 
 
 def common_length(warps: Sequence[Array]) -> int:

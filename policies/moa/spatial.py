@@ -16,6 +16,7 @@ from policies.moa.checks import checked
 from policies.moa.frames import Frames
 from policies.moa.interior_point import Solution, solve
 from policies.moa.response import Response
+from policies.moa.setting import centred
 from policies.moa.support_points import Interpolation, bandwidth, normalised_rbf
 from policies.moa.tracking import Group, TrackingProblem
 
@@ -90,10 +91,9 @@ class SpatialMixtureOfAttractors(BaseEstimator):
         response = self._response()
         groups = []
         for x, frame, gate in zip(points, frames, gates, strict=True):
-            matrix = self.attractors_.goal_matrix(frame)
+            x, matrix = centred(x, frame, self.attractors_)
             before = np.vstack([gate[:1], gate[:-1]])
-            target = x - response.free(x[0], x[1], len(x))
-            groups.append(Group(self._weights(before), matrix if matrix.ndim == 3 else matrix[None], target, response))
+            groups.append(Group(self._weights(before), matrix, x - response.free(x[0], x[1], len(x)), response))
         self.solution_ = solve(TrackingProblem(tuple(groups), len(frames[0])), self.tolerance)
         self.z_ = self.solution_.z
         return self
