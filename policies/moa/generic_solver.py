@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import qpsolvers
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from lfd_gym.errors import LfdGymError, UnknownNameError
 from policies.moa.attractors import BoxAttractors, projected
@@ -34,23 +35,18 @@ def quadratic_program(problem: TrackingProblem, attractors: BoxAttractors) -> Qu
     H, f = np.zeros((k * n_support, k * n_support)), np.zeros(k * n_support)
     for group in problem.groups:
         weights, goals = group.weights.matrix, group.matrices @ corners
-        n, rows = group.targets.shape
-        columns = np.einsum("is,idk->idks", weights, np.broadcast_to(goals, (n, rows, k)))
-        Lambda = group.response.forced(columns.reshape(n, -1)).reshape(n * rows, k * n_support)
-        targets = group.targets.copy()
-        targets[:2] = 0.0
-        H += 2.0 * Lambda.T @ Lambda
-        f -= 2.0 * Lambda.T @ targets.reshape(-1)
+        for row in range(goals.shape[1]):  # one coordinate of one demonstration at a time
+            columns = goals[:, row, :, None] * weights[:, None, :]
+            Lambda = group.response.forced(columns.reshape(len(weights), -1))
+            H += 2.0 * Lambda.T @ Lambda
+            f -= 2.0 * Lambda[2:].T @ group.targets[2:, row]
     return QuadraticProgram(H, f, problem.scale, np.tile(np.eye(n_support), k))
 
 
-def solve_generic(
-    problem: TrackingProblem, attractors: BoxAttractors, solver: str = "proxqp", tolerance: float = 1e-9
-) -> Solution:
-    """The solution that a solver of `qpsolvers` finds, made feasible, and certified like any other.
+def solve_program(program: QuadraticProgram, solver: str = "proxqp", tolerance: float = 1e-9) -> Array:
+    """s (K N_S,) as a solver of `qpsolvers` leaves it: slightly negative in places.
 
-    Solvers leave activations slightly negative; they are clipped and normalised. The cost has to be the tracking error
-    alone.
+    tolerance is proxqp's absolute one, relative to the cost of predicting nothing; other solvers use their own.
 
     Raises:
         UnknownNameError: a solver that is not installed.
@@ -58,15 +54,24 @@ def solve_generic(
     """
     if solver not in qpsolvers.available_solvers:
         raise UnknownNameError("solver", solver, ["structured", "softmax", *qpsolvers.available_solvers])
-    H, f, _, A = quadratic_program(problem, attractors)
-    program = qpsolvers.Problem(H, f, A=A, b=np.ones(len(A)), lb=np.zeros(len(f)))
-    options: dict[str, Any] = {"eps_abs": tolerance * problem.scale} if solver == "proxqp" else {}
-    found = qpsolvers.solve_problem(program, solver, **options)
+    form = np.asarray if solver in qpsolvers.dense_solvers else csc_matrix
+    n_support, n = program.A.shape
+    given = qpsolvers.Problem(form(program.H), program.f, A=form(program.A), b=np.ones(n_support), lb=np.zeros(n))
+    options: dict[str, Any] = {"eps_abs": tolerance * program.constant} if solver == "proxqp" else {}
+    found = qpsolvers.solve_problem(given, solver, **options)
     if found.x is None:
         raise LfdGymError(f"the solver '{solver}' found no solution; 'structured' does")
-    activations = np.maximum(found.x.reshape(-1, problem.n_support).T, 0.0)
+    return np.asarray(found.x)
+
+
+def solve_generic(
+    problem: TrackingProblem, attractors: BoxAttractors, solver: str = "proxqp", tolerance: float = 1e-6
+) -> Solution:
+    """The solution of `solve_program`, made feasible and certified like any other; the cost has to be the error alone."""
+    s = solve_program(quadratic_program(problem, attractors), solver)
+    activations = np.maximum(s.reshape(-1, problem.n_support).T, 0.0)
     activations /= activations.sum(axis=1, keepdims=True)
     z = projected(activations @ attractors.corner_matrix().T, problem.n_frames)
     cost, gradient = problem.cost_and_gradient(z)
     gap = problem.gap(z, cost, gradient)
-    return Solution(z, cost, problem.error(z), gap.absolute, gap.relative, 0, bool(found.found))
+    return Solution(z, cost, problem.error(z), gap.absolute, gap.relative, 0, gap.relative <= tolerance)

@@ -227,7 +227,7 @@ class MixtureOfAttractors(BaseEstimator):
             return _completed(solve(free, self.tolerance, start=guess if usable else None), fixed)
         if self.solver == "softmax":
             return _completed(solve_softmax(free, setting.attractors, self.tolerance), fixed)
-        return _completed(solve_generic(free, setting.attractors, self.solver), fixed)
+        return _completed(solve_generic(free, setting.attractors, self.solver, self.tolerance), fixed)
 
     def _break_tie(self, problem: TrackingProblem, preference: Array, allowed: float, fixed: Array | None) -> Solution:
         if fixed is None:
