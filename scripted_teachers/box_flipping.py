@@ -51,7 +51,7 @@ class BoxFlippingTeacher(ScriptedTeacher):
     """
 
     primitives = (
-        primitive("approach box", (0, "obstacle_edge", POSITION), (0, "world", POSITION), (0, True)),
+        primitive("approach box", (0, "obstacle_edge", POSITION), (0, "obstacle_edge", POSITION), (0, True)),
         primitive("push box", (1, "obstacle_edge", POSITION), (0, "world", HOLD), (0, True)),
         Primitive(
             "flip box",
