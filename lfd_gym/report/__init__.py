@@ -13,6 +13,7 @@ from lfd_gym.registry import make
 from lfd_gym.report import figures
 from lfd_gym.report.page import page
 from lfd_gym.report.trace import Trace, trace
+from policies.sequence_graph_drawing import draw_sequence_graph
 
 VIDEO = "video.mp4"
 STRIP = 6
@@ -61,7 +62,7 @@ def _figures(
     drawn["Success and the parts of the task, with 95 % Wilson intervals"] = figures.success(evaluation)
     if hasattr(skill, "graph"):
         drawn["The learned sequence graph: nodes activate primitives, edges say how often a transition was shown"] = (
-            figures.graph(skill.graph, skill.primitive_names)
+            figures.png(draw_sequence_graph(skill.graph, skill.primitive_names))
         )
     drawn["Trajectories of demonstrations and reproduction, and learned goals, in each primitive's own frame"] = (
         figures.goals(recording.demonstrations, reproduction, skill)

@@ -1,19 +1,18 @@
-"""The report's figures, as PNG; Okabe and Ito's colours, which colour-blind readers can tell apart."""
+"""The report's figures, as PNG."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
-import networkx
 import numpy as np
 from matplotlib.figure import Figure
 
 from lfd_gym.demonstration import Demonstration, Primitive
 from lfd_gym.evaluation import EvaluationReport, wilson_interval
 from lfd_gym.report.trace import Trace, position_in_frame, stretches, turn, turn_in_frame
+from policies.sequence_graph_drawing import COLOURS
 
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#B8A900", "#999999")
 SHOWN, REPRODUCED, GOAL = "#0072B2", "#D55E00", "#222222"
 LEAST_METRES, LEAST_RADIANS = 0.03, 0.15
 """Least span of an axis."""
@@ -50,36 +49,6 @@ def success(evaluation: EvaluationReport) -> bytes:
         axes.set_xlim(0, 1.0)
         axes.set_xlabel("share of unseen setups")
         axes.grid(axis="y", visible=False)
-        return png(figure)
-
-
-def graph(learned: Any, names: Sequence[str]) -> bytes:
-    """The sequence graph in layers by its distance from the start; edges carry how often they were shown."""
-    drawing = learned.to_networkx()
-    depth = networkx.single_source_shortest_path_length(drawing, 0)
-    place = _layers(drawing, depth)
-    size = 1 + max(depth.values(), default=0)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(max(7.0, 1.75 * size), 3.4), layout="constrained")
-        axes = figure.subplots()
-        forward = [(a, b) for a, b in drawing.edges if depth.get(b, 0) > depth.get(a, 0)]
-        back = [edge for edge in drawing.edges if edge not in set(forward)]
-        look = {"ax": axes, "node_size": 2300, "edge_color": "#666666", "arrowsize": 14, "width": 1.4}
-        networkx.draw_networkx_edges(drawing, place, edgelist=forward, **look)
-        networkx.draw_networkx_edges(drawing, place, edgelist=back, connectionstyle="arc3,rad=0.35", **look)
-        colours = [colour(label) if label >= 0 else "#FFFFFF" for label in learned.labels]
-        networkx.draw_networkx_nodes(
-            drawing, place, ax=axes, node_size=2300, node_color=colours, alpha=0.55, edgecolors="#444444"
-        )
-        texts = {i: name.replace("_", "\n").replace(" ", "\n") for i, name in enumerate(learned.node_names(names))}
-        networkx.draw_networkx_labels(drawing, place, texts, ax=axes, font_size=7.5)
-        for edges, bend in ((forward, "arc3"), (back, "arc3,rad=0.35")):
-            counts = {edge: str(len(learned.transitions[edge])) for edge in edges}
-            networkx.draw_networkx_edge_labels(
-                drawing, place, counts, ax=axes, font_size=8, rotate=False, connectionstyle=bend
-            )
-        axes.margins(0.12, 0.3)
-        axes.axis("off")
         return png(figure)
 
 
@@ -172,18 +141,6 @@ def png(figure: Figure) -> bytes:
 def colour(label: int) -> str:
     """The colour of a primitive, the same in all figures."""
     return COLOURS[label % len(COLOURS)]
-
-
-def _layers(drawing: Any, depth: Mapping[int, int]) -> dict[int, tuple[float, float]]:
-    """Place of every node: columns by depth, each ordered by the mean height of the nodes that lead there."""
-    place: dict[int, tuple[float, float]] = {}
-    for column in sorted(set(depth.values())):
-        nodes = [node for node in drawing.nodes if depth.get(node) == column]
-        heights = {n: [place[p][1] for p in drawing.predecessors(n) if p in place] or [0.0] for n in nodes}
-        nodes.sort(key=lambda n: (sum(heights[n]) / len(heights[n]), n))
-        for i, node in enumerate(nodes):
-            place[node] = float(column), i - 0.5 * (len(nodes) - 1)
-    return place
 
 
 def _motion(observations: Any, primitive: Primitive, mean: np.ndarray) -> np.ndarray:
