@@ -1,4 +1,4 @@
-"""Goal distances as features (thesis 2.16, 2.17): one per primitive, or one per entity, with their widths."""
+"""Features: goal distances (thesis 2.16, 2.17), one per primitive or one per entity, and named observations (2.5.3)."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
@@ -18,16 +18,36 @@ KINDS = ("entity", "primitive")
 
 
 class Feature(NamedTuple):
-    """A goal distance (2.17): f = 1 - exp(-1/2 sum_i (gain_i (x_i - g_i))^2)."""
+    """A goal distance (2.17), f = 1 - exp(-1/2 sum_i (gain_i (x_i - g_i))^2), or a named observation."""
 
     name: str
-    """What it is the distance of: an entity, or a force axis and its side."""
+    """What it is the distance of: an entity, or a force axis and its side; or the observation's name."""
     primitive: int
-    """Whose goal."""
+    """Whose goal; -1 for an observation."""
     gain: Array
     """(N_COORDINATES,) 1 / sigma_i, 0 where a coordinate does not count."""
     side: float
     """0, or the sign of the only deviations that count."""
+    column: int = -1
+    """Which of the named observations; -1 for a goal distance."""
+
+
+def observed_features(data: PassageData) -> list[Feature]:
+    """One feature per component of the named observations."""
+    none = np.zeros(N_COORDINATES)
+    return [Feature(data.named.name(c), -1, none, 0.0, c) for c in range(len(data.named.keys))]
+
+
+def whole_way_features(data: PassageData, k: int) -> list[Feature]:
+    """Goal distances of primitive k, one per entity, that grade all that was demonstrated: sigma is half the largest."""
+    result = []
+    for entity in data.controlled(k):
+        largest = max(data.distance(k, entity, deviations).max() for deviations in data.everywhere(k))
+        gain = np.zeros(N_COORDINATES)
+        controlled = data.primitives.table.modes[k, ENTITIES[entity]] == CONTROLLED
+        gain[ENTITIES[entity]] = controlled / max(0.5 * largest, TOLERANCE[entity])
+        result.append(Feature(f"{entity}, whole way", k, gain, 0.0))
+    return result
 
 
 def goal_distance_features(data: PassageData, k: int, kind: str) -> list[Feature]:

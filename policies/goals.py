@@ -115,15 +115,27 @@ def best_compromise(ends: ArrayLike, sides: ArrayLike) -> float:
     return float(candidates[int(np.argmin(costs))])
 
 
-def attractor_goal(segments: Sequence[ArrayLike], time: NormalisedTime = "squared", dead_band: float = 0.0) -> float:
+def attractor_goal(
+    segments: Sequence[ArrayLike],
+    time: NormalisedTime = "squared",
+    dead_band: float = 0.0,
+    rest: tuple[int, float] | None = None,
+) -> float:
     """Attractor goal of one dimension from its M >= 1 segments, each (N_m,) (thesis 2.2).
 
     dead_band, in units of x: a line that travels less within its segment points to no side (needed in (2.9), or a
     constant segment would pick a random one). It is compared with |alpha| (t_N - t_1), which has the unit of x in every
     reading of time.
+
+    rest, beyond the thesis: a segment whose last n samples stay within a range r, for rest=(n, r), came to rest at its
+    goal and points to no side either. Otherwise all segments that come from one side push the goal to the farthest end of
+    all (2.11), which lies the farther off the more demonstrations there are. None: every line points to its side.
     """
     lines = [fit_line(x, time) for x in segments]
     sides = [0 if abs(line.travel) <= dead_band else int(np.sign(line.slope)) for line in lines]
+    if rest is not None:
+        n, range_ = rest
+        sides = [0 if np.ptp(np.asarray(x)[-n:]) <= range_ else side for x, side in zip(segments, sides, strict=True)]
     return best_compromise([line.end for line in lines], sides)
 
 

@@ -33,9 +33,13 @@ Array = NDArray[np.float64]
 DEAD_BAND = np.array([[0.005] * 3 + [0.05] * 7, [0.005, 0.05, 0.005] + [0.05] * 7])
 """Travel below which a segment points to no side (2.9), per space: 5 mm, 3 degrees; above sensor noise, below any
 movement."""
+REST_TIME, REST_SHARE = 0.1, 0.4
+"""A segment that moved by less than this share of the dead band (2 mm, 1 degree) in the last time [s] rests at its goal."""
 PRESSES, GRIP = 0.5, 0.25
 """A hand joint whose drive bears more than this torque [N m] at the end of a movement presses against something; its
 goal lies beyond where it stalled, by this angle [rad], which is enough for all the torque that a drive gives."""
+SLOWEST = 0.1
+"""[m/s]: a primitive that hardly moved the tool may still have to move it so fast."""
 CONTACT_FRACTION = 0.5
 """A force counts as steady contact above this fraction of its 90 % quantile within the segment."""
 
@@ -55,8 +59,7 @@ class MovementPrimitives(NamedTuple):
     force: Array
     """(K, 3) desired force of the tool on the world along the coordinates of the position [N]; 0 along other axes."""
     speed: Array
-    """(K,) largest speed [m/s] of a primitive in a cylindrical space, as demonstrated: what it moves while it presses has
-    to follow. 0 in a Cartesian space, where the robot's own limit holds."""
+    """(K,) speed of the tool [m/s] where it was demonstrated to move fast."""
 
 
 def learn_primitives(
@@ -67,7 +70,7 @@ def learn_primitives(
     time: NormalisedTime,
 ) -> MovementPrimitives:
     """Goals and forces of every primitive from all its segments; rows never demonstrated stay zero."""
-    n = len(names)
+    n, n_rest = len(names), round(REST_TIME / demonstrations[0].dt) + 1
     mean = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     goal, grip, force, speed = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3)), np.zeros(n)
     parts = [(m, s) for m, demonstration in enumerate(demonstrations) for s in segments(demonstration.labels)]
@@ -79,12 +82,14 @@ def learn_primitives(
         ends = [Measurement(*(array[at.stop - 1 : at.stop] for array in measurements[m])) for m, at in own]
         mean[k] = mean_quaternion(np.concatenate([relative_quaternions(end, frame) for end in ends]))
         paths = [trajectory(Measurement(*(a[at] for a in measurements[m])), table, k, mean[k]) for m, at in own]
+        speeds = [_speed(measurements[m].position[at], demonstrations[m].dt) for m, at in own]
+        speed[k] = max(float(np.median(speeds)), SLOWEST)
         if table.space[k] == CYLINDRICAL:
             _unwrap(paths)
             goal[k, 0] = np.median([x[-1, 0] for x in paths])
-            speed[k] = np.median([_speed(measurements[m].position[at], demonstrations[m].dt) for m, at in own])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
-            goal[k, i] = attractor_goal([x[:, i] for x in paths], time, DEAD_BAND[table.space[k], i])
+            dead_band = DEAD_BAND[table.space[k], i]
+            goal[k, i] = attractor_goal([x[:, i] for x in paths], time, dead_band, (n_rest, REST_SHARE * dead_band))
         if "hand_torque" in demonstrations[0].observations:
             torque = np.median([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own], axis=0)
             grip[k] = GRIP * np.sign(torque) * (np.abs(torque) > PRESSES) * (table.modes[k, HAND] == CONTROLLED)

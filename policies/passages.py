@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from policies.features import CONTROLLED, ENTITIES, FORCE, Measurement, deviations, trajectory
 from policies.movement_primitives import MovementPrimitives
+from policies.named_observations import NamedObservations
 from policies.sequence_graph import SequenceGraph, TransitionPoint, segments
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ TOLERANCE = {"position": 0.004, "orientation": 0.035, "hand": 0.05, "force": 0.0
 goal itself is always well inside. Along a force axis nothing is reached: there it is the measurement's resolution."""
 SCATTER = {"position": 0.05, "orientation": 0.26, "hand": 0.35}
 """[m], [rad], [rad]: farther from the learned goal a passage did not end at it; three times a human's spread."""
+MOVING = 3
+"""Samples: a passage that was nearer to its end for less than this did not rest there."""
 END = -1
 """Exit of a passage with which a demonstration ended."""
 
@@ -68,8 +71,11 @@ class PassageData:
         primitives: MovementPrimitives,
         measurements: Sequence[Measurement],
         labels: Sequence[NDArray[np.int64]],
+        named: NamedObservations,
+        observed: Sequence[Array],
     ) -> None:
-        self.graph, self.primitives = graph, primitives
+        """observed: per demonstration the scaled named observations (T + 1, D)."""
+        self.graph, self.primitives, self.named, self.observed = graph, primitives, named, observed
         self.passages = passages(graph, labels)
         self.labels = sorted({label for label in graph.labels if label >= 0})
         self._deviations = {
@@ -86,6 +92,10 @@ class PassageData:
             own = [p for p in self.passages if (p.node, p.exit) == (node, exit_)]
             entities = self.controlled(graph.labels[node])
             self._arrived[node, exit_] = {e for e in entities if np.mean([self._at_goal(p, e) for p in own]) >= 0.5}
+
+    def everywhere(self, k: int) -> list[Array]:
+        """x - g (T + 1, N_COORDINATES) of primitive k along every whole demonstration."""
+        return [deviations for (_, own), deviations in self._deviations.items() if own == k]
 
     def controlled(self, k: int) -> list[str]:
         """Entities that primitive k moves to a goal."""
@@ -118,19 +128,30 @@ class PassageData:
         """Whether a passage missed a goal that most passages to its exit reached (rule 2)."""
         return any(not self._at_goal(p, entity) for entity in self.arrived(p.node, p.exit))
 
+    def interrupted(self, node: int, exit_: int) -> bool:
+        """Whether most passages from a node to an exit ended in motion: something happened before the goal."""
+        own = [p for p in self.passages if (p.node, p.exit) == (node, exit_)]
+        rests = [p.stop - p.start - _settled(self._outside(p)) for p in own]
+        return bool(own) and float(np.mean(np.array(rests) < MOVING)) > 0.5
+
     def arrival(self, p: Passage) -> int:
         """Number of samples on the way; from there on the passage stays within tolerance of its end (rule 1)."""
         if p.node == 0:
             return 0
-        k = self.graph.labels[p.node]
-        to_end = self._deviations[p.demonstration, k][p.start : p.stop + 1]
-        to_end = to_end - to_end[-1]
-        outside = np.zeros(len(to_end), dtype=bool)
-        for entity in self.controlled(k):
-            outside |= self.distance(k, entity, to_end) > TOLERANCE[entity]
-        for i in self.forced(k):
+        outside, to_end = self._outside(p), self._to_end(p)
+        for i in self.forced(self.graph.labels[p.node]):
             outside |= np.abs(to_end[:, i]) > TOLERANCE["force"]
-        return int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0
+        return _settled(outside)
+
+    def _to_end(self, p: Passage) -> Array:
+        x = self._deviations[p.demonstration, self.graph.labels[p.node]][p.start : p.stop + 1]
+        return x - x[-1]
+
+    def _outside(self, p: Passage) -> NDArray[np.bool_]:
+        """Per sample whether an entity that is moved to a goal is farther from its end than `TOLERANCE`."""
+        k, to_end = self.graph.labels[p.node], self._to_end(p)
+        distances = [self.distance(k, entity, to_end) > TOLERANCE[entity] for entity in self.controlled(k)]
+        return np.any([np.zeros(len(to_end), dtype=bool), *distances], axis=0)
 
     def deviations(self, p: Passage, k: int) -> Array:
         """x - g (N, N_COORDINATES) of primitive k along a passage; to its own goal where that is known (rule 2)."""
@@ -146,3 +167,8 @@ class PassageData:
     def _at_goal(self, p: Passage, entity: str) -> bool:
         k = self.graph.labels[p.node]
         return bool(self.distance(k, entity, self._deviations[p.demonstration, k][p.stop]) <= SCATTER[entity])
+
+
+def _settled(outside: NDArray[np.bool_]) -> int:
+    """First sample from which on nothing is outside."""
+    return int(np.flatnonzero(outside)[-1]) + 1 if outside.any() else 0

@@ -8,11 +8,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion
-from lfd_gym.action import ActionLayout
 from lfd_gym.contact import CONTACT_FRACTION
 from policies.features import CONTROLLED, FORCE, HOLD, task_coordinates, world_goal
 from policies.movement_primitives import MovementPrimitives
-from policies.task_space import CYLINDRICAL, curved_goal, directions
+from policies.task_space import CYLINDRICAL, coordinates, directions, moved, point
 
 Array = NDArray[np.float64]
 
@@ -26,6 +25,8 @@ class Goals(NamedTuple):
     """(4,)."""
     hand: Array
     """(4,) [rad]."""
+    pull: Array
+    """(3,) where the attractor of the position pulls now, on its way to the goal [m]."""
 
 
 def command(
@@ -33,33 +34,32 @@ def command(
     label: int,
     seen: Array,
     frames: Array,
-    held: Goals,
+    before: Goals,
     observation: Mapping[str, NDArray[Any]],
-    layout: ActionLayout,
-) -> tuple[Goals, Array, Array]:
-    """Goals of a primitive, its force (3,) [N], and the position (3,) [m] at which the robot's attractor has to pull.
+    dt: float,
+) -> tuple[Goals, Array]:
+    """Goals of a primitive and its force (3,) [N], world frame.
 
     A held coordinate keeps its last goal in the world. Along a force axis the goal is the measured position, so that a
-    primitive that holds this axis next holds it where the pressing ended. In a Cartesian space the attractor pulls at the
-    goal. In a cylindrical one it pulls along the arc, at most as fast as demonstrated, and a primitive that presses stays
-    where it is along the other coordinates until it feels contact as `lfd_gym.contact` defines it.
+    primitive that holds this axis next holds it where the pressing ended.
 
-    seen (11,) is position, quaternion and hand as measured, frames (F, 7) the poses of the table's frames.
+    The attractor's pull moves to the goal at the demonstrated speed, straight in the primitive's own space. So a
+    movement begins as gently as a human's (a goal that jumps asks for alpha times the speed limit at once), and runs along
+    the arc in a cylindrical space; the tool follows at a distance of speed / beta, and inside an arc of angular
+    speed w by a share of (2 w / alpha)^2 of the radius. In a cylindrical space a primitive that presses stays where it is
+    along the other coordinates until it feels contact as `lfd_gym.contact` defines it.
+
+    seen (11,) is position, quaternion and hand as measured, frames (F, 7) the poses of the table's frames, dt the time step
+    [s].
     """
     table, force = primitives.table, primitives.force[label]
-    at, turned, space = frames[table.position_frame[label]], frames[table.orientation_frame[label]], table.space[label]
+    at, turned = frames[table.position_frame[label]], frames[table.orientation_frame[label]]
     wrench = np.asarray(observation["wrench"], dtype=np.float64) if force.any() else np.zeros(6)
-    x, position, orientation, hand, force = _command(
-        seen, *held, at, turned, space, table.modes[label],
-        primitives.mean[label], primitives.goal[label], primitives.grip[label], force, wrench,
+    *goals, force = _command(
+        seen, *before, at, turned, table.space[label], table.modes[label],
+        primitives.mean[label], primitives.goal[label], primitives.grip[label], force, wrench, primitives.speed[label] * dt,
     )  # fmt: skip
-    goals = Goals(position, orientation, hand)
-    if space != CYLINDRICAL:
-        return goals, force, position
-    reference = np.asarray(observation["reference_position"], dtype=np.float64)
-    velocity = np.asarray(observation["reference_velocity"], dtype=np.float64)[:3]
-    limit = min(primitives.speed[label], layout.speed_limit)
-    return goals, force, curved_goal(x[:3], reference, velocity, at, layout.alpha, layout.beta, limit)
+    return Goals(*goals), force
 
 
 @njit(cache=True)
@@ -68,6 +68,7 @@ def _command(
     position: Array,
     orientation: Array,
     hand: Array,
+    pull: Array,
     at: Array,
     turned: Array,
     space: int,
@@ -77,6 +78,7 @@ def _command(
     grip: Array,
     force: Array,
     wrench: Array,
+    way: float,
 ) -> tuple[Array, Array, Array, Array, Array]:
     held = task_coordinates(position, orientation, hand, at, turned, space, mean)
     now = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, space, mean)
@@ -90,4 +92,11 @@ def _command(
         new_position = position.copy()
     if (modes[3:6] == HOLD).all():
         new_orientation = orientation.copy()
-    return x, new_position, new_orientation, x[6:].copy(), force
+    to_frame = quaternion.conjugate(at[3:])
+    start = coordinates(quaternion.rotate(to_frame, pull - at[:3]), space)
+    end = coordinates(quaternion.rotate(to_frame, new_position - at[:3]), space)
+    for i in range(3):
+        if modes[i] == FORCE:
+            start[i] = end[i]
+    new_pull = at[:3] + quaternion.rotate(at[3:], point(moved(start, end, way, space), space))
+    return new_position, new_orientation, x[6:].copy(), new_pull, force

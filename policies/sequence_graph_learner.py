@@ -15,6 +15,7 @@ from policies.goal_distance import KINDS
 from policies.goals import TIMES, NormalisedTime
 from policies.learner import Learner
 from policies.movement_primitives import learn_primitives
+from policies.named_observations import NamedObservations, named_observations
 from policies.passages import PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
 from policies.sequence_graph_skill import Node, SequenceGraphSkill, class_targets, longest_stillness
@@ -35,10 +36,13 @@ class SequenceGraphLearner(Learner):
     Parameters:
         graph: "global", "local" or "fully-connected" (2.3).
         classifier: "svm" or "lr" (2.4).
-        kernel: of the SVM, "linear" or "rbf".
+        kernel: of the SVM, "rbf" or "linear"; a class that lies on both sides of another needs the former.
         C: inverse strength of the classifier's regularisation.
         feature: "entity", one goal distance per entity and side of a force axis, chosen per node; or "primitive", the
             thesis's one scalar per primitive, of the node and all its successors.
+        observations: names of the observations that may be features beside goal distances (2.5.3), see
+            `named_observations`; None: all that are not poses. With feature="entity" a node looks at few of them, where it
+            has to (see `transition_data`); with "primitive" at all that are named.
         time: normalised time of goal learning, "squared" as printed in (2.4), "arclength" or "real".
         fold: whether repetitions become cycles (2.3.2).
         match: how folded graphs are merged, see `sequence_graph.merge`.
@@ -52,9 +56,10 @@ class SequenceGraphLearner(Learner):
         self,
         graph: str = "global",
         classifier: str = "svm",
-        kernel: str = "linear",
+        kernel: str = "rbf",
         C: float = 10.0,
         feature: str = "entity",
+        observations: tuple[str, ...] | None = None,
         time: NormalisedTime = "arclength",
         fold: bool = True,
         match: Literal["label", "inputs"] = "label",
@@ -62,7 +67,7 @@ class SequenceGraphLearner(Learner):
         patience: float | None = 1.0,
     ) -> None:
         self.graph, self.classifier, self.kernel, self.C = graph, classifier, kernel, C
-        self.feature, self.time, self.fold, self.match = feature, time, fold, match
+        self.feature, self.observations, self.time, self.fold, self.match = feature, observations, time, fold, match
         self.dwell, self.patience = dwell, patience
 
     def learn(self, demonstrations: Sequence[Demonstration]) -> SequenceGraphSkill:
@@ -77,23 +82,38 @@ class SequenceGraphLearner(Learner):
         labels = [demonstration.labels for demonstration in demonstrations]
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
         graph = self._sequence_graph(labels)
-        data = PassageData(graph, primitives, measurements, labels)
+        named = self._named_observations(demonstrations)
+        observed = [named.scaled(demonstration.observations) for demonstration in demonstrations]
+        data = PassageData(graph, primitives, measurements, labels, named, observed)
         transitions = TransitionData(data, self.feature)
         nodes = []
         for node in range(graph.n_nodes):
             own = [p for p in data.passages if p.node == node]
             still = [longest_stillness(measurements[p.demonstration], p.start, p.stop) for p in own]
             nodes.append(self._node(graph, node, transitions.node(node), max(still, default=0), names, first.dt))
+        columns = sorted({int(c) for node in nodes for c in node.feature_columns if c >= 0})
+        position = {column: i for i, column in enumerate([-1, *columns], start=-1)}
+        nodes = [
+            node._replace(feature_columns=np.array([position[c] for c in node.feature_columns], dtype=np.int64))
+            for node in nodes
+        ]
         return SequenceGraphSkill(
             graph,
             primitives,
             nodes,
+            named.only(columns),
             ActionLayout.from_dict(first.action_layout),
             float(first.dt),
             env_id=first.env_id,
             taught_seeds=tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations),
             metadata={"learner": self._summary(), "parameters": self.get_params(), "taught_with": len(demonstrations)},
         )
+
+    def _named_observations(self, demonstrations: Sequence[Demonstration]) -> NamedObservations:
+        names = () if self.observations is None and self.feature == "primitive" else self.observations
+        named = named_observations([demonstration.observations for demonstration in demonstrations], names)
+        _check_measurements(demonstrations, sorted(set(named.keys)))
+        return named
 
     def _sequence_graph(self, labels: Sequence[NDArray[np.int64]]) -> SequenceGraph:
         if self.graph == "global":
@@ -105,8 +125,8 @@ class SequenceGraphLearner(Learner):
     ) -> Node:
         """A node with its classifier; stillness in samples."""
         if data is None:
-            none, no_gains = np.empty(0), np.empty((0, N_COORDINATES))
-            return Node((), none.astype(np.int64), no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
+            none, no_gains, no_index = np.empty(0), np.empty((0, N_COORDINATES)), np.empty(0, dtype=np.int64)
+            return Node((), no_index, no_index, no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
         seen, classes = np.unique(data.classes, return_inverse=True)
         targets = class_targets(node, data.exits)
         decision = self._decision(data, classes, len(seen))
@@ -123,6 +143,7 @@ class SequenceGraphLearner(Learner):
         return Node(
             tuple(feature.name for feature in data.features),
             np.array([feature.primitive for feature in data.features], dtype=np.int64),
+            np.array([feature.column for feature in data.features], dtype=np.int64),
             np.array([feature.gain for feature in data.features]).reshape(-1, N_COORDINATES),
             np.array([feature.side for feature in data.features]),
             targets[seen],

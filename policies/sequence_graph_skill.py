@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lfd_gym.action import ActionLayout
 from policies.features import WORLD, Measurement, PrimitiveTable, deviation, goal_distance, task_coordinates
 from policies.movement_primitives import MovementPrimitives
+from policies.named_observations import NamedObservations
 from policies.passages import END
 from policies.primitive_attractor import Goals, command
 from policies.sequence_graph import SequenceGraph
@@ -27,7 +28,9 @@ class Node(NamedTuple):
 
     feature_names: tuple[str, ...]
     feature_primitives: NDArray[np.int64]
-    """(n,) whose goal distance each feature is."""
+    """(n,) whose goal distance each feature is; -1 for a named observation."""
+    feature_columns: NDArray[np.int64]
+    """(n,) which component of the skill's named observations each feature is; -1 for a goal distance."""
     gains: Array
     """(n, N_COORDINATES)."""
     sides: Array
@@ -42,7 +45,7 @@ class Node(NamedTuple):
     """Stillness [s] after which the best exit is taken whatever the decision; infinite for never."""
 
 
-NODE_ARRAYS = ("feature_primitives", "gains", "sides", "targets", "dwell")
+NODE_ARRAYS = ("feature_primitives", "feature_columns", "gains", "sides", "targets", "dwell")
 
 
 class Memory(NamedTuple):
@@ -56,6 +59,8 @@ class Memory(NamedTuple):
     """(n, 4) last goal orientation, world frame."""
     hand: Array
     """(n, 4) last goal of the hand [rad]."""
+    pull: Array
+    """(n, 3) where the attractor of the position pulled last, world frame [m]."""
     anchor: Array
     """(n, 11) position, quaternion and hand when the robot last moved."""
     still: Array
@@ -76,13 +81,16 @@ class SequenceGraphSkill(Skill):
         graph: SequenceGraph,
         primitives: MovementPrimitives,
         nodes: Sequence[Node],
+        named: NamedObservations,
         layout: ActionLayout,
         dt: float,
         **facts: Any,
     ) -> None:
-        """Parts as learned; dt is the control step [s]; facts as in `Skill`."""
+        """Parts as learned; named are the observations that the nodes look at; dt is the control step [s]; facts as in
+        `Skill`."""
         super().__init__(**facts)
-        self.graph, self.primitives, self.nodes, self.layout, self.dt = graph, primitives, tuple(nodes), layout, dt
+        self.graph, self.primitives, self.nodes, self.named = graph, primitives, tuple(nodes), named
+        self.layout, self.dt = layout, dt
         self.primitive_names = primitives.names
         self._frame_keys = ["frame_" + name for name in primitives.table.frames[1:]]
 
@@ -94,36 +102,37 @@ class SequenceGraphSkill(Skill):
         """Before the first observation nothing is active; the first one fills the goals."""
         identity = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
         none, zero = np.zeros(n, dtype=np.int64), np.zeros(n)
-        return Memory(none, np.zeros((n, 3)), identity, np.zeros((n, 4)), np.zeros((n, 11)), zero, none, zero)
+        place = np.zeros((n, 3))
+        return Memory(none, place, identity, np.zeros((n, 4)), place, np.zeros((n, 11)), zero, none, zero)
 
     def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
         """One control step: classify, then the goal of the node that is active now."""
-        seen, frames = self._measure(observation)
+        seen, frames, observed = self._measure(observation)
         memory = Memory(*state)
         if memory.node == 0:
-            memory = memory._replace(position=seen[:3], quaternion=seen[3:7], hand=seen[7:], anchor=seen)
+            memory = memory._replace(position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3], anchor=seen)
         still = _is_still(seen, memory.anchor)
         memory = memory._replace(
             anchor=memory.anchor if still else seen, still=memory.still + self.dt if still else np.array(0.0)
         )
-        memory = self._move_on(seen, frames, memory)
+        memory = self._move_on(seen, frames, observed, memory)
         label = self.graph.labels[int(memory.node)]
-        held = Goals(memory.position, memory.quaternion, memory.hand)
-        goals, force, pull = command(self.primitives, label, seen, frames, held, observation, self.layout)
-        action = self.layout.encode(pull, goals.quaternion, force, goals.hand[: self.layout.hand_low.size])
+        before = Goals(memory.position, memory.quaternion, memory.hand, memory.pull)
+        goals, force = command(self.primitives, label, seen, frames, before, observation, self.dt)
+        action = self.layout.encode(goals.pull, goals.quaternion, force, goals.hand[: self.layout.hand_low.size])
         return action, memory._replace(**goals._asdict())
 
-    def features(self, node: int, seen: Array, frames: Array) -> Array:
+    def features(self, node: int, seen: Array, frames: Array, observed: Array) -> Array:
         """Features (n,) of a node for one measurement."""
         this, p = self.nodes[node], self.primitives
         table = p.table
         return _features(
-            seen, frames, this.feature_primitives, this.gains, this.sides,
+            seen, frames, observed, this.feature_primitives, this.feature_columns, this.gains, this.sides,
             table.position_frame, table.orientation_frame, table.space, p.mean, p.goal,
         )  # fmt: skip
 
-    def _measure(self, observation: Observation) -> tuple[Array, Array]:
-        """Position, quaternion and hand (11,), and the frames (F, 7)."""
+    def _measure(self, observation: Observation) -> tuple[Array, Array, Array]:
+        """Position, quaternion and hand (11,), the frames (F, 7), and the scaled named observations (D,)."""
         seen = np.zeros(11)
         seen[:3] = observation["tool_position"]
         seen[3:7] = observation["tool_quaternion"]
@@ -133,15 +142,15 @@ class SequenceGraphSkill(Skill):
         frames[0] = WORLD
         for i, key in enumerate(self._frame_keys, start=1):
             frames[i] = observation[key]
-        return seen, frames
+        return seen, frames, self.named.scaled(observation)
 
-    def _move_on(self, seen: Array, frames: Array, memory: Memory) -> Memory:
+    def _move_on(self, seen: Array, frames: Array, observed: Array, memory: Memory) -> Memory:
         """Follow the largest activation once it has lasted; the best exit where the robot was still for too long."""
         current, zero = int(memory.node), np.array(0.0)
         node = self.nodes[current]
         if node.decision is None:
             return memory
-        scores = node.decision.scores(self.features(current, seen, frames))
+        scores = node.decision.scores(self.features(current, seen, frames, observed))
         chosen = int(np.argmax(scores))
         lasted = memory.lasted + self.dt if chosen == memory.chosen else zero
         if memory.still > node.patience:
@@ -158,7 +167,8 @@ class SequenceGraphSkill(Skill):
         arrays: dict[str, NDArray[Any]] = {
             "position_frame": p.table.position_frame, "orientation_frame": p.table.orientation_frame,
             "space": p.table.space, "modes": p.table.modes, "mean": p.mean, "goal": p.goal, "grip": p.grip, "force": p.force,
-            "speed": p.speed,
+            "speed": p.speed, "observed_indices": self.named.indices, "observed_low": self.named.low,
+            "observed_high": self.named.high,
         }  # fmt: skip
         described = []
         kinds = {cls: name for name, cls in DECISIONS.items()}
@@ -173,6 +183,7 @@ class SequenceGraphSkill(Skill):
             described.append({"features": list(node.feature_names), "decision": kind, "patience": patience})
         values = {
             "graph": self.graph.to_dict(), "names": list(p.names), "frames": list(p.table.frames),
+            "observations": list(self.named.keys),
             "layout": self.layout.to_dict(), "dt": self.dt, "nodes": described,
         }  # fmt: skip
         return values, arrays
@@ -193,7 +204,9 @@ class SequenceGraphSkill(Skill):
             patience = np.inf if node["patience"] is None else node["patience"]
             nodes.append(Node(tuple(node["features"]), decision=decision, patience=patience, **plain))
         graph, layout = SequenceGraph.from_dict(header["graph"]), ActionLayout.from_dict(header["layout"])
-        return cls(graph, primitives, nodes, layout, header["dt"], **facts)
+        bounds = [arrays[f"observed_{name}"] for name in ("indices", "low", "high")]
+        named = NamedObservations(tuple(header["observations"]), *bounds)
+        return cls(graph, primitives, nodes, named, layout, header["dt"], **facts)
 
 
 def class_targets(node: int, exits: Sequence[int]) -> NDArray[np.int64]:
@@ -223,7 +236,9 @@ def _is_still(seen: Array, anchor: Array) -> bool:
 def _features(
     seen: Array,
     frames: Array,
+    observed: Array,
     primitives: NDArray[np.int64],
+    columns: NDArray[np.int64],
     gains: Array,
     sides: Array,
     position_frame: NDArray[np.int64],
@@ -235,6 +250,9 @@ def _features(
     result = np.empty(len(primitives))
     for j in range(len(primitives)):
         k = primitives[j]
+        if k < 0:
+            result[j] = observed[columns[j]]
+            continue
         at, turned = frames[position_frame[k]], frames[orientation_frame[k]]
         x = task_coordinates(seen[:3], seen[3:7], seen[7:], at, turned, space[k], mean[k])
         result[j] = goal_distance(deviation(x, goal[k], space[k]), gains[j], sides[j])

@@ -17,8 +17,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lfd_gym import attractor, quaternion
-
 Array = NDArray[np.float64]
 
 CARTESIAN, CYLINDRICAL = 0, 1
@@ -27,7 +25,7 @@ POSITION_SPACES = ("cartesian", "cylindrical")
 AXES = (("x", "y", "z"), ("radius", "angle", "axis"))
 """What the coordinates of each space are called."""
 SMALLEST_RADIUS = 1e-3
-"""[m]: nearer to the axis an angular speed is counted as if it were here."""
+"""[m]: nearer to the axis a turn about it is counted as if it were here."""
 
 
 @njit(cache=True)
@@ -66,29 +64,13 @@ def difference(y: Array, origin: Array, radius: float, space: int) -> Array:
 
 
 @njit(cache=True)
-def curved_goal(
-    goal: Array, position: Array, velocity: Array, frame: Array, alpha: float, beta: float, speed_limit: float
-) -> Array:
-    """Where a Cartesian attractor has to pull so that the reference moves as one in cylindrical coordinates would.
-
-    The attractor (2.1), saturated as the robot's own is, wants r'' = k (r_g - r) - alpha r',
-    r phi'' = k r (phi_g - phi) - alpha r phi', z'' = k (z_g - z) - alpha z'. In axes of the frame, which is at rest, this
-    is an acceleration (r'' - r phi'^2, r phi'' + 2 r' phi', z'') along the `directions`, which the effective goal
-    x + (x'' + alpha x') / (alpha beta) brings about.
-
-    Args:
-        goal: cylindrical coordinates of the goal (3,).
-        position, velocity: of the reference, world frame (3,) [m], [m/s].
-        frame: pose (7,) of the primitive's frame.
-        alpha, beta: gains [1/s]; speed_limit [m/s].
-    """
-    to_frame = quaternion.conjugate(frame[3:])
-    y = coordinates(quaternion.rotate(to_frame, position - frame[:3]), CYLINDRICAL)
-    error = difference(goal, y, y[0], CYLINDRICAL)
-    e = directions(y, CYLINDRICAL)
-    moving = e.T @ quaternion.rotate(to_frame, velocity)
-    turning = moving[1] / max(y[0], SMALLEST_RADIUS)
-    wanted = attractor.gain(error[0], error[1], error[2], alpha, beta, speed_limit) * error
-    wanted[0] -= y[0] * turning**2
-    wanted[1] += 2.0 * moving[0] * turning
-    return position + quaternion.rotate(frame[3:], e @ wanted) / (alpha * beta)
+def moved(y: Array, goal: Array, way: float, space: int) -> Array:
+    """Coordinates after a way [m] from y straight towards the goal in this space; the goal itself if it is nearer."""
+    step = difference(goal, y, y[0], space)
+    length = math.sqrt(np.dot(step, step))
+    if length <= way:
+        return goal.copy()
+    step *= way / length
+    if space == CYLINDRICAL:
+        step[1] /= max(y[0], SMALLEST_RADIUS)
+    return y + step

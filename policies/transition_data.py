@@ -1,14 +1,17 @@
 """Training data of a node's classifier: features, samples, classes, weights (thesis 2.4).
 
-Beside the two rules of `passages.py`, two more keep accidents of a few demonstrations out of the decision:
+Beside the two rules of `passages.py`, three more keep accidents of a few demonstrations out of the decision:
 
-3. *Events.* An exit at which the world yielded waits for that alone; any other exit waits for the entities that moved
-   and arrived. Copies of the exit's samples say so, in which the other features take the values that they had on the
-   way to this exit (for an event, which may happen anywhere, to any exit). These virtual samples are the feature
-   selection that 2.5.2 asks for: without them a value that an entity happened to have in three demonstrations would
-   become a condition.
-4. *Fewest features.* Distances to the goals of successors depend on the setup. They enter only where a node has several
-   exits that the features they wait for cannot tell apart.
+3. *Events.* An exit at which the world yielded, or that interrupted the movement when a named observation changed, waits for
+   that alone; any other exit waits for the entities that moved and arrived. Copies of the exit's samples say so, in which
+   the other features take the values that they had on the way to this exit (for an event, which may happen anywhere, those
+   that they had anywhere in this node). These virtual samples are the feature selection that 2.5.2 asks for: without them
+   a value that an entity happened to have in three demonstrations would become a condition.
+4. *Reaction.* A demonstrator reacts to an event after it happened: from the moment on from which its feature stays on the
+   other side of what it was elsewhere, the samples count for the successor.
+5. *Context.* Distances to the goals of successors and named observations depend on the setup. They enter only where a node
+   has several exits that what they wait for cannot tell apart, and as few of them as tell the exits apart
+   (`feature_selection.telling_features`). Whether to stay does not depend on the context: virtual samples say that, too.
 """
 
 from itertools import combinations
@@ -17,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.feature_selection import Event, separation, telling_event, telling_features
 from policies.features import goal_distances
-from policies.goal_distance import Feature, goal_distance_features
+from policies.goal_distance import Feature, goal_distance_features, observed_features, whole_way_features
 from policies.passages import END, Passage, PassageData
 
 Array = NDArray[np.float64]
@@ -49,6 +53,27 @@ class NodeData(NamedTuple):
     """Exit -> features (n,) at the goal that it waits for: the decision here must not be to stay."""
 
 
+class Seen(NamedTuple):
+    """One passage through a node, or into one of its exits, in terms of features."""
+
+    exit: int
+    demonstration: int
+    way: Array
+    """(N, n) before it had arrived, or before the event."""
+    go: Array
+    """(M, n) from then on; empty where the passage says nothing about its exit."""
+
+
+class Waits(NamedTuple):
+    """What an exit depends on, as indices of features."""
+
+    own: set[int]
+    """Goal distances or events that must have come true."""
+    context: set[int]
+    """What tells it from other exits that wait for the same."""
+    event: bool
+
+
 class TransitionData:
     """Training data of every node of a graph."""
 
@@ -56,6 +81,8 @@ class TransitionData:
         """kind of features, see `goal_distance.KINDS`."""
         self.data, self.kind = data, kind
         self.library = {k: goal_distance_features(data, k, kind) for k in data.labels}
+        self.observed = observed_features(data)
+        self.whole_way = {k: whole_way_features(data, k) for k in data.labels if kind == "entity"}
 
     def node(self, node: int) -> NodeData | None:
         """Training data of a node; None where it has no successor."""
@@ -65,93 +92,151 @@ class TransitionData:
             return None
         if node != 0 and any(p.node == node and p.exit == END for p in self.data.passages):
             exits = (*exits, END)
-        labels = dict.fromkeys([graph.labels[node], *(graph.labels[e] for e in exits if e != END)])
-        candidates = [feature for k in labels if k >= 0 for feature in self.library[k]]
-        way = self._on_the_way(node, candidates)
-        go = {e: [self._features(p, candidates)[self.data.arrival(p) :] for p in self._leaving(node, e)] for e in exits}
-        go = {e: rows for e, rows in go.items() if rows}
-        waits = self._waits(node, candidates, way, go)
-        used = sorted(set().union(*waits.values()))
-        blocks = [(STAY, rows) for passages in way.values() for rows in passages]
-        goal_states = {}
-        for e, passages in go.items():
-            at_goal = [i for i in waits[e] if self._reached(node, e, candidates[i])]
-            free = [i for i in used if i not in waits[e]]
-            event = any(candidates[i].side != 0.0 for i in waits[e])
-            pool = [rows for to, passages_ in way.items() if event or to == e for rows in passages_]
-            for rows in passages:
-                there = rows.copy()
-                there[:, at_goal] = 0.0  # the goal itself is never a trap
-                blocks.append((exits.index(e) + 1, _virtual(np.concatenate([rows, there]), free, pool)))
-            if at_goal:
-                goal_states[e] = np.mean([rows[-1] for rows in passages], axis=0)
-                goal_states[e][at_goal] = 0.0
-        samples = np.concatenate([rows for _, rows in blocks])[:, used]
-        classes = np.concatenate([np.full(len(rows), c) for c, rows in blocks])
-        return NodeData(
-            tuple(candidates[i] for i in used),
-            exits,
-            samples,
-            classes,
-            _weights(classes, [len(rows) for _, rows in blocks]),
-            {e: min((len(rows) - 1 for rows in go.get(e, [])), default=0) for e in exits},
-            {e: state[used] for e, state in goal_states.items()},
-        )
+        candidates = self._candidates(node, exits)
+        seen = self._passages(node, exits, candidates)
+        if self.kind == "primitive" or node == 0 or not any(len(s.way) for s in seen):
+            waits = {e: Waits(set(range(len(candidates))), set(), False) for e in exits}
+        else:
+            waits, seen = self._waits(node, candidates, seen)
+        return self._samples(node, exits, candidates, seen, waits)
 
-    def _on_the_way(self, node: int, features: list[Feature]) -> dict[int, list[Array]]:
-        """Exit -> features of its passages through a node, up to their arrival."""
-        way: dict[int, list[Array]] = {}
-        for p in self.data.passages:
-            if p.node == node and (arrival := self.data.arrival(p)):
-                way.setdefault(p.exit, []).append(self._features(p, features)[:arrival])
-        return way
+    def _candidates(self, node: int, exits: tuple[int, ...]) -> list[Feature]:
+        labels = dict.fromkeys(self.data.graph.labels[n] for n in (node, *exits) if n not in (0, END))
+        if self.kind == "primitive" or node == 0:
+            return [*(f for k in labels for f in self.library[k]), *self.observed * (self.kind == "primitive")]
+        own, *others = labels
+        return [*self.library[own], *self.observed, *(f for k in others for f in self.whole_way[k])]
 
-    def _leaving(self, node: int, exit_: int) -> list[Passage]:
-        """Passages from a node to an exit, those not stopped early; from anywhere if none was observed here."""
-        to = [p for p in self.data.passages if p.exit == exit_]
-        own = [p for p in to if p.node == node]
-        return [p for p in own if not self.data.stopped_early(p)] or own or [p for p in to if p.node != 0]
+    def _passages(self, node: int, exits: tuple[int, ...], features: list[Feature]) -> list[Seen]:
+        """Passages through a node. Those not stopped early show their exit; from anywhere if none was observed here."""
+        result = []
+        for e in exits:
+            to = [p for p in self.data.passages if p.exit == e]
+            own = [p for p in to if p.node == node]
+            leaving = [p for p in own if not self.data.stopped_early(p)] or own or [p for p in to if p.node != 0]
+            for p in [*own, *(p for p in leaving if p not in own)]:
+                rows, arrival = self._features(p, features), self.data.arrival(p)
+                way = rows[:arrival] if p in own and node != 0 else rows[:0]
+                result.append(Seen(e, p.demonstration, way, rows[arrival:] if p in leaving else rows[:0]))
+        return result
 
     def _features(self, p: Passage, features: list[Feature]) -> Array:
-        columns = [goal_distances(self.data.deviations(p, f.primitive), f.gain, f.side) for f in features]
+        columns = [
+            self.data.observed[p.demonstration][p.start : p.stop + 1, f.column]
+            if f.column >= 0
+            else goal_distances(self.data.deviations(p, f.primitive), f.gain, f.side)
+            for f in features
+        ]
         return np.stack(columns, axis=1) if columns else np.empty((p.stop - p.start + 1, 0))
 
     def _reached(self, node: int, exit_: int, feature: Feature) -> bool:
         """Whether a feature is the distance of an entity whose goal the exit waits for."""
         own = feature.primitive == self.data.graph.labels[node]
-        return own and (feature.name in self.data.arrived(node, exit_))
+        return own and feature.name in self.data.arrived(node, exit_)
 
-    def _waits(
-        self, node: int, features: list[Feature], on_the_way: dict[int, list[Array]], go: dict[int, list[Array]]
-    ) -> dict[int, set[int]]:
-        """Exit -> indices of the features that it depends on (rules 3 and 4)."""
-        everything = set(range(len(features)))
-        if self.kind == "primitive" or node == 0 or not on_the_way:
-            return {exit_: everything for exit_ in go}
-        at = {exit_: np.concatenate(rows) for exit_, rows in go.items()}
-        way, k = (
-            np.concatenate([rows for passages in on_the_way.values() for rows in passages]),
-            self.data.graph.labels[node],
-        )
-        own = [i for i in everything if features[i].primitive == k]
+    def _waits(self, node: int, features: list[Feature], seen: list[Seen]) -> tuple[dict[int, Waits], list[Seen]]:
+        """What every exit depends on (rules 3 and 5), and the passages cut where their events happened (rule 4)."""
+        own = [i for i, f in enumerate(features) if f.primitive == self.data.graph.labels[node]]
+        moved, way = self.data.moved(node), np.concatenate([s.way for s in seen])
         waits = {}
-        for e, rows in at.items():
-            forced = {i for i in own if features[i].side != 0.0}
-            events = {i for i in forced if separation(rows[:, i], way[:, i]) >= SEPARATED}
-            moved = self.data.moved(node)
+        for e in dict.fromkeys(s.exit for s in seen if len(s.go)):
+            rows = np.concatenate([s.go for s in seen if s.exit == e])
+            yielded = {i for i in own if features[i].side != 0.0 and separation(rows[:, i], way[:, i]) >= SEPARATED}
             reached = {i for i in own if self._reached(node, e, features[i]) and features[i].name in moved}
-            waits[e] = events or reached or set(own)
-        for a, b in combinations(at, 2):
-            told = {i: separation(at[a][:, i], at[b][:, i]) for i in sorted(everything)}
-            if max((told[i] for i in waits[a] | waits[b]), default=0.0) < SEPARATED:
-                best = max(told, key=lambda i: told[i])
-                waits[a].add(best)
-                waits[b].add(best)
-        return waits
+            if not yielded and self.data.interrupted(node, e) and (event := self._event(node, features, seen, e)):
+                seen = [_cut(s, event) if s.exit == e else s for s in seen]
+                yielded = {event.feature}
+            waits[e] = Waits(yielded or reached or set(own), set(), bool(yielded))
+        for e, context in _context(features, seen, _confused(seen, waits), own).items():
+            waits[e] = waits[e]._replace(context=context)
+        return waits, seen
+
+    def _event(self, node: int, features: list[Feature], seen: list[Seen], exit_: int) -> Event | None:
+        """The named observation whose change ended the passages to an exit."""
+        labels = self.data.graph.labels
+        ended, others = (
+            [np.concatenate([s.way, s.go]) for s in seen if len(s.way) and (s.exit == exit_) == mine]
+            for mine in (True, False)
+        )
+        alike = [
+            self._features(p, features)
+            for p in self.data.passages
+            if p.node != node and labels[p.node] == labels[node] and (p.exit == END or labels[p.exit] != labels[exit_])
+        ]
+        possible = [i for i, feature in enumerate(features) if feature.column >= 0]
+        return telling_event(ended, others, alike, possible) if ended else None
+
+    def _samples(
+        self, node: int, exits: tuple[int, ...], features: list[Feature], seen: list[Seen], waits: dict[int, Waits]
+    ) -> NodeData:
+        used = sorted(set().union(*(w.own | w.context for w in waits.values())))
+        context = sorted(set().union(*(w.context for w in waits.values())))
+        situations = [s.go[-1:] for s in seen if len(s.go)]
+        blocks = [(STAY, _virtual(s.way, context, situations)) for s in seen if len(s.way)]
+        goal_states: dict[int, Array] = {}
+        for e in waits:
+            own = [s for s in seen if s.exit == e and len(s.go)]
+            at_goal = [i for i in waits[e].own if self._reached(node, e, features[i])]
+            free = [i for i in used if i not in waits[e].own and i not in context]
+            elsewhere = [i for i in context if i not in waits[e].own | waits[e].context]
+            pool = [s.way for s in seen if waits[e].event or s.exit == e]
+            pool += [s.go for s in seen if waits[e].event and s.exit != e]
+            for s in own:
+                there = s.go.copy()
+                there[:, at_goal] = 0.0  # the goal itself is never a trap
+                rows = _virtual(_virtual(np.concatenate([s.go, there]), free, pool), elsewhere, situations)
+                blocks.append((exits.index(e) + 1, rows))
+            if own and at_goal:
+                goal_states[e] = np.mean([s.go[-1] for s in own], axis=0)
+                goal_states[e][at_goal] = 0.0
+        samples = np.concatenate([rows for _, rows in blocks])[:, used]
+        classes = np.concatenate([np.full(len(rows), c) for c, rows in blocks])
+        return NodeData(
+            tuple(features[i] for i in used),
+            exits,
+            samples,
+            classes,
+            _weights(classes, [len(rows) for _, rows in blocks]),
+            {e: min((len(s.go) - 1 for s in seen if s.exit == e and len(s.go)), default=0) for e in exits},
+            {e: state[used] for e, state in goal_states.items()},
+        )
+
+
+def _cut(passage: Seen, event: Event) -> Seen:
+    rows = np.concatenate([passage.way, passage.go])
+    at = min(event.onset(rows), len(passage.way))
+    return passage._replace(way=rows[:at], go=rows[at:])
+
+
+def _confused(seen: list[Seen], waits: dict[int, Waits]) -> list[int]:
+    """Exits that what they wait for does not tell from each other."""
+    at = {e: np.concatenate([s.go for s in seen if s.exit == e]) for e in waits}
+    pairs = [
+        (a, b)
+        for a, b in combinations(waits, 2)
+        if max(separation(at[a][:, i], at[b][:, i]) for i in waits[a].own | waits[b].own) < SEPARATED
+    ]
+    return sorted({e for pair in pairs for e in pair})
+
+
+def _context(features: list[Feature], seen: list[Seen], exits: list[int], own: list[int]) -> dict[int, set[int]]:
+    """For each of the exits that wait for the same, the features that tell it from the others."""
+    passages = [s for s in seen if s.exit in exits and len(s.go)]
+    if not passages:
+        return {}
+    observed = [i for i, feature in enumerate(features) if feature.column >= 0]
+    needed = telling_features(
+        np.array([s.go.mean(axis=0) for s in passages]),
+        np.array([s.exit for s in passages]),
+        np.array([s.demonstration for s in passages]),
+        stages=(observed, [i for i in range(len(features)) if i not in own and i not in observed]),
+    )
+    return {e: set(chosen) for e, chosen in needed.items()}
 
 
 def _virtual(rows: Array, free: list[int], pool: list[Array]) -> Array:
-    """Copies of samples in which the free features take values of the pool's passages (rule 3)."""
+    """Copies of samples in which the free features take values of the pool's passages (rules 3 and 5)."""
+    pool = [values for values in pool if len(values)]
     if not free or not pool:
         return rows
     values = _evenly(np.concatenate(pool), N_COPIES)
@@ -171,10 +256,3 @@ def _weights(classes: NDArray[np.int64], lengths: list[int]) -> Array:
     for c in np.unique(classes):
         weights[classes == c] /= weights[classes == c].sum()
     return weights * len(weights) / weights.sum()
-
-
-def separation(a: Array, b: Array) -> float:
-    """|2 AUC - 1| of one feature (N,), (M,) between two classes: 0 tells nothing, 1 separates them."""
-    b = np.sort(b)
-    below, upto = np.searchsorted(b, a - 1e-6), np.searchsorted(b, a + 1e-6, side="right")
-    return float(abs(np.mean(below + upto) / len(b) - 1.0))

@@ -128,3 +128,15 @@ def test_unknown_time_and_empty_segments_are_refused():
         normalised_time([0, 1], "cubic")
     with pytest.raises(ValueError, match="non-empty"):
         fit_line([])
+
+
+def test_a_segment_that_rests_shows_its_goal_and_one_that_does_not_only_its_direction():
+    """Goals that scatter around 1 are averaged where they were reached; the rule of the thesis takes the farthest."""
+    rng = np.random.default_rng(0)
+    ends = 1.0 + 0.01 * rng.standard_normal(20)
+    reached = [np.r_[np.linspace(0.0, end, 50), np.full(10, end)] for end in ends]
+    assert attractor_goal(reached, "arclength", 0.005) == pytest.approx(ends.max(), abs=1e-3)
+    assert attractor_goal(reached, "arclength", 0.005, rest=(5, 0.002)) == pytest.approx(ends.mean(), abs=2e-3)
+    stopped = [*reached, np.linspace(0.0, 0.5, 30)]
+    assert attractor_goal(stopped, "arclength", 0.005, rest=(5, 0.002)) == pytest.approx(ends.mean(), abs=2e-3)
+    assert attractor_goal([np.linspace(0.0, 0.5, 30)], "arclength", rest=(5, 0.002)) == pytest.approx(0.5, abs=1e-3)

@@ -1,4 +1,4 @@
-"""Cartesian and cylindrical coordinates of a position, and the attractor that moves in them."""
+"""Cartesian and cylindrical coordinates of a position, and movements in them."""
 
 import dataclasses
 import math
@@ -8,22 +8,19 @@ import pytest
 from kinematic_world import teach
 from scipy.spatial.transform import Rotation
 
-from lfd_gym.attractor import response
 from lfd_gym.demonstration import EntityControl
 from policies.features import deviation, measure, primitive_table
 from policies.movement_primitives import learn_primitives
 from policies.task_space import (
     CARTESIAN,
     CYLINDRICAL,
-    SMALLEST_RADIUS,
     coordinates,
-    curved_goal,
     difference,
     directions,
+    moved,
     point,
 )
 
-ALPHA, BETA, STEP = 16.0, 4.0, 1e-3
 FRAME = np.r_[0.5, -0.3, 0.1, Rotation.from_euler("xyz", [1.5, 0.2, -0.7]).as_quat(scalar_first=True)]
 
 
@@ -53,40 +50,35 @@ def test_an_angle_counts_by_the_shorter_way_around():
     assert deviation(x, goal, CYLINDRICAL)[:3] == pytest.approx([0.0, -0.2 * 0.2, 0.0])
 
 
-def follow(start: np.ndarray, goal: np.ndarray, speed_limit: float, seconds: float, dt: float = STEP) -> np.ndarray:
-    """Cylindrical coordinates over time of an unsaturated Cartesian attractor that is pulled by `curved_goal`."""
-    turn = Rotation.from_quat(FRAME[3:], scalar_first=True)
-    position, velocity, path = FRAME[:3] + turn.apply(point(start, CYLINDRICAL)), np.zeros(3), []
-    for _ in range(round(seconds / dt)):
-        pull = curved_goal(goal, position, velocity, FRAME, ALPHA, BETA, speed_limit)
-        velocity = velocity + dt * ALPHA * (BETA * (pull - position) - velocity)
-        position = position + dt * velocity
-        path.append(coordinates(turn.inv().apply(position - FRAME[:3]), CYLINDRICAL))
-    return np.array(path)
+def path(start: np.ndarray, goal: np.ndarray, way: float, space: int) -> np.ndarray:
+    steps = [start]
+    while not np.array_equal(steps[-1], goal):
+        steps.append(moved(steps[-1], goal, way, space))
+        assert len(steps) < 1000
+    return np.array(steps)
 
 
-def test_an_arc_keeps_its_radius_and_its_angle_is_the_closed_form():
-    start, goal = np.array([0.2, 0.1, 0.0]), np.array([0.2, 2.0, 0.0])
-    path = follow(start, goal, speed_limit=np.inf, seconds=1.0)
-    assert path[:, 0] == pytest.approx(0.2, abs=1e-3)
-    time = STEP * np.arange(1, len(path) + 1)
-    assert path[:, 1] == pytest.approx(response(time, 0.1, 2.0, ALPHA), abs=0.02)
-    assert np.abs(path[:, 2]).max() < 1e-9
+@pytest.mark.parametrize(
+    ("space", "start", "goal"),
+    [(CARTESIAN, [0.3, 0.1, -0.1], [0.1, -0.2, 0.1]), (CYLINDRICAL, [0.3, 2.8, -0.1], [0.15, -2.6, 0.1])],
+)
+def test_a_movement_keeps_its_speed_and_goes_the_short_way(space, start, goal):
+    steps = path(np.array(start), np.array(goal), 0.004, space)
+    travelled = np.linalg.norm(np.diff([point(y, space) for y in steps], axis=0), axis=1)
+    assert travelled.max() < 0.004 * 1.001
+    assert travelled[:-1].min() > 0.004 * 0.98
+    assert travelled.sum() < 0.45
 
 
-def test_a_curved_movement_keeps_its_speed_limit_and_arrives_over_the_branch_cut():
-    start, goal = np.array([0.3, 2.8, -0.1]), np.array([0.15, -2.6, 0.1])
-    path = follow(start, goal, speed_limit=0.2, seconds=4.0)
-    travelled = np.diff([point(y, CYLINDRICAL) for y in path], axis=0)
-    assert np.linalg.norm(travelled, axis=1).max() / STEP < 0.2 * 1.02
-    assert path[-1] == pytest.approx(goal, abs=1e-3)
-    assert (np.abs(path[:, 1]) > 2.5).all()
+def test_an_arc_keeps_its_radius():
+    steps = path(np.array([0.2, 0.1, 0.05]), np.array([0.2, 2.0, 0.05]), 0.00502, CYLINDRICAL)
+    assert steps[:, [0, 2]] == pytest.approx(np.tile([0.2, 0.05], (len(steps), 1)))
+    assert len(steps) == 1 + math.ceil(0.2 * 1.9 / 0.00502)
 
 
 def test_the_axis_itself_is_no_trap():
-    goal = curved_goal(np.array([0.2, 1.0, 0.0]), FRAME[:3], np.full(3, 0.1), FRAME, ALPHA, BETA, 0.5)
-    assert np.isfinite(goal).all()
-    assert SMALLEST_RADIUS > 0
+    away = path(np.zeros(3), np.array([0.1, 1.0, 0.0]), 0.005, CYLINDRICAL)
+    assert np.isfinite(away).all()
 
 
 def test_goals_and_a_radial_press_are_learned_across_the_branch_cut():
