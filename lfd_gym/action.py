@@ -123,22 +123,23 @@ class ActionLayout:
         Raises:
             InvalidActionError: the number of hand angles does not fit.
         """
-        out = np.empty(self.size)
-        out[self.position] = (
-            2.0 * (np.asarray(position) - self.workspace_low) / (self.workspace_high - self.workspace_low) - 1.0
-        )
-        relative = quaternion.multiply(np.asarray(quaternion_, float), quaternion.conjugate(self.reference_quaternion))
-        out[self.rotation] = quaternion.to_rotation_vector(relative) / self.rotation_limit
-        f = np.asarray(force, float)
-        magnitude = float(np.sqrt(f @ f))
-        stretched = DEAD_ZONE + (1.0 - DEAD_ZONE) * min(magnitude / self.force_limit, 1.0)
-        out[self.force] = 0.0 if magnitude == 0.0 else f * (stretched / magnitude)
-        angles = np.asarray(hand, float)
+        f, angles = np.asarray(force, float), np.asarray(hand, float)
         if angles.shape != self.hand_low.shape:
             raise InvalidActionError(f"{angles.size} hand angles; expected {self.hand_low.size}")
-        if angles.size:
-            out[self.hand] = 2.0 * (angles - self.hand_low) / (self.hand_high - self.hand_low) - 1.0
-        return np.clip(out, -1.0, 1.0).astype(np.float32)
+        return encode_array(
+            np.asarray(position, float),
+            np.asarray(quaternion_, float),
+            f,
+            math.sqrt(f @ f),
+            angles,
+            self.workspace_low,
+            self.workspace_high,
+            self.rotation_limit,
+            self.force_limit,
+            self.hand_low,
+            self.hand_high,
+            self.reference_quaternion,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able fields; `from_dict` is the inverse."""
@@ -188,3 +189,30 @@ def decode_array(
     goal[7:10] = scale * a[6:9]
     goal[10:] = hand_low + 0.5 * (a[9:] + 1.0) * (hand_high - hand_low)
     return goal
+
+
+@njit(cache=True)
+def encode_array(
+    position: Array,
+    orientation: Array,
+    force: Array,
+    magnitude: float,
+    hand: Array,
+    low: Array,
+    high: Array,
+    rotation_limit: Array,
+    force_limit: float,
+    hand_low: Array,
+    hand_high: Array,
+    reference: Array,
+) -> NDArray[np.float32]:
+    """The action (9,) or (13,) of a goal whose force has the given magnitude [N]."""
+    out = np.zeros(9 + hand_low.size)
+    out[0:3] = 2.0 * (position - low) / (high - low) - 1.0
+    relative = quaternion.multiply(orientation, quaternion.conjugate(reference))
+    out[3:6] = quaternion.to_rotation_vector(relative) / rotation_limit
+    if magnitude != 0.0:
+        stretched = DEAD_ZONE + (1.0 - DEAD_ZONE) * min(magnitude / force_limit, 1.0)
+        out[6:9] = force * (stretched / magnitude)
+    out[9:] = 2.0 * (hand - hand_low) / (hand_high - hand_low) - 1.0
+    return np.minimum(np.maximum(out, -1.0), 1.0).astype(np.float32)
