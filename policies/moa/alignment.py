@@ -40,14 +40,19 @@ def align(
 ) -> list[Array]:
     """The warp (N,) of every trajectory (N_m, d) to the time of a reference.
 
-    The reference is one of the trajectories; where None, the first one of median length. Trajectories of other entities
+    The reference is one of the trajectories; where None, that of `median_length`. Trajectories of other entities
     that were recorded at the same time are aligned by the same warps.
     """
     local = [frame.local(points) for points, frame in zip(trajectories, frames, strict=True)]
     if reference is None:
-        reference = int(np.argsort([len(points) for points in local], kind="stable")[(len(local) - 1) // 2])
+        reference = median_length(trajectories)
     own = np.arange(len(local[reference]), dtype=np.float64)
     return [own if m == reference else warp(local[reference], other) for m, other in enumerate(local)]
+
+
+def median_length(trajectories: Sequence[Array]) -> int:
+    """Index of the first trajectory of median length, the shorter one of two."""
+    return int(np.argsort([len(points) for points in trajectories], kind="stable")[(len(trajectories) - 1) // 2])
 
 
 def warped(points: Array, frames: Frames, index: Array) -> tuple[Array, Frames]:

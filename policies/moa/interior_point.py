@@ -27,7 +27,7 @@ REGULARISATION = 1e-13
 FIRST_DUAL = 0.03
 """Duals at the start, relative to the gradient: between 0.03 and 1 each factor of 3 costs half an iteration."""
 PULL = 0.1
-"""How far a warm start is pulled to the middle of the feasible set."""
+"""How far a warm start is pulled to the middle of the feasible set, and its duals relative to those of a cold one."""
 
 
 class Solution(NamedTuple):
@@ -104,7 +104,7 @@ class _Method:
         size = FIRST_DUAL * float(np.abs(gradient).mean()) / self.problem.n_frames
         if start is not None:
             z = (1.0 - PULL) * start + PULL * z
-            size *= PULL**2
+            size *= PULL
         alpha, rho = split(z, self.problem.n_frames)
         slack = _both(alpha, rho)
         return _State(alpha, rho, slack, max(size, np.finfo(float).tiny) / slack)

@@ -19,12 +19,14 @@ from policies.moa.tracking import TrackingProblem
 
 Array = NDArray[np.float64]
 
-FACTOR = 8.0
-"""From one weight of R to the next."""
+CLOSE = 0.05
+"""R is least to within this fraction of itself."""
+FACTOR = 10.0
+"""By which the weight of R grows until it is too large."""
+RATIO = 2.0
+"""Weights are bracketed to this ratio where R does not come close before."""
 LOOSE = 1e-4
-"""Relative gap while the weight is searched."""
-SATURATED = 1e-3
-"""R within this fraction of its least value cannot fall any more."""
+"""Relative gap of the solutions on the way."""
 
 
 def nearness(local: list[Array], weights: Interpolation) -> Array:
@@ -37,34 +39,33 @@ def break_tie(
     first: Solution,
     preference: Array,
     switching: float,
-    allowed_error: float,
+    allowed: float,
     tolerance: float,
 ) -> Solution:
-    """The solution of least R among those whose tracking error J is at most `allowed_error`.
+    """The solution of least R among those whose tracking error J is at most `allowed`, to within the gaps of the solver.
 
-    J + w R is minimised for growing weights w, each start warm, and the last w that keeps to the bound is taken. The first,
-    w_0 = (allowed - J*) / R(first), always does: J(w) - J* <= w (R(first) - R(w)). The switching cost is in units of the mean
-    preference.
-
-    The returned cost and gap are those of J + w R.
+    J + w R is minimised for the weight w of R that uses up what is allowed. The error never exceeds it for
+    w_0 = (allowed - J*) / R(first), as J(w) - J* <= w (R(first) - R(w)). And no activations within the allowed error have R
+    below R(w) - (allowed - J(w) + gap) / w: where that is close, the search ends. The switching cost is in units of the mean
+    preference. The returned cost and gap are those of J + w R.
     """
-    scale = float(preference.mean())
+    per_switch = switching * float(preference.mean())
 
-    def weighted(weight: float) -> TrackingProblem:
-        return TrackingProblem(problem.groups, problem.n_frames, weight * preference, weight * scale * switching)
+    def weighted(w: float) -> TrackingProblem:
+        return TrackingProblem(problem.groups, problem.n_frames, w * preference, w * per_switch)
 
-    def criterion(solution: Solution) -> float:
-        return weighted(1.0).cost_and_gradient(solution.z)[0] - solution.error
-
-    least = float(preference.min(axis=1).sum())
-    weight = (allowed_error - first.error) / criterion(first)
-    best, last = first, first
-    while weight > 0.0:
-        last = solve(weighted(weight), LOOSE, start=last.z)
-        if last.error > allowed_error:
-            break
-        best, reached = last, weight
-        if criterion(last) <= (1.0 + SATURATED) * least:
-            break
-        weight *= FACTOR
-    return best if best is first else solve(weighted(reached), tolerance, start=best.z)
+    r_first = weighted(1.0).cost_and_gradient(first.z)[0] - first.error
+    if r_first == 0.0 or allowed <= first.error:
+        return first
+    low, high = (allowed - first.error) / r_first, np.inf
+    w, guess = FACTOR * low, first.z
+    while high > RATIO * low:
+        found = solve(weighted(w), LOOSE, start=guess)
+        if found.error > allowed:
+            high = w
+        else:
+            low, guess = w, found.z
+            if allowed - found.error + found.gap <= CLOSE * (found.cost - found.error):
+                break
+        w = FACTOR * low if np.isinf(high) else float(np.sqrt(low * high))
+    return solve(weighted(low), tolerance, start=guess)
