@@ -16,12 +16,14 @@ from policies.goals import TIMES, NormalisedTime
 from policies.learner import Learner
 from policies.movement_primitives import learn_primitives
 from policies.named_observations import NamedObservations, named_observations
+from policies.outliers import find_outliers
 from policies.passages import PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
 from policies.sequence_graph_skill import Node, SequenceGraphSkill, class_targets, longest_stillness
 from policies.transition_data import STAY, NodeData, TransitionData
 from policies.transitions import CLASSIFIERS, KERNELS, Decision, constant_decision
 
+OUTLIERS = ("warn", "drop", "keep")
 PATIENCE_MARGIN = 0.5
 """Stillness [s] allowed beyond `patience` times the longest one demonstrated in a node."""
 
@@ -30,12 +32,16 @@ class TransitionWarning(UserWarning):
     """A node's classifier cannot tell some of its classes apart."""
 
 
+class OutlierWarning(UserWarning):
+    """A demonstration is unlike the others."""
+
+
 class SequenceGraphLearner(Learner):
     """Sequence graph of movement primitives with a classifier in every node (thesis 2.2-2.4).
 
     Parameters:
         graph: "global", "local" or "fully-connected" (2.3).
-        classifier: "svm" or "lr" (2.4).
+        classifier: "svm", "lr", "klr" (kernel logistic regression), "ivm" (import vector machine) or "gmm" (2.4).
         kernel: of the SVM, "rbf" or "linear"; a class that lies on both sides of another needs the former.
         C: inverse strength of the classifier's regularisation.
         feature: "entity", one goal distance per entity and side of a force axis, chosen per node; or "primitive", the
@@ -50,6 +56,8 @@ class SequenceGraphLearner(Learner):
             it: what takes a moment to show is waited for as the demonstrator did. 0: it is followed at once.
         patience: a robot that stands still in a node for longer than this many times the longest stillness demonstrated
             there, plus `PATIENCE_MARGIN`, takes its best exit, for it cannot reach what it waits for. None: never.
+        outliers: what to do with a demonstration that is unlike the others (5.2.4, see `outliers`): "warn" names it and
+            uses it, "drop" names it and leaves it out, "keep" does not look.
     """
 
     def __init__(
@@ -65,10 +73,11 @@ class SequenceGraphLearner(Learner):
         match: Literal["label", "inputs"] = "label",
         dwell: float = 1.0,
         patience: float | None = 1.0,
+        outliers: str = "warn",
     ) -> None:
         self.graph, self.classifier, self.kernel, self.C = graph, classifier, kernel, C
         self.feature, self.observations, self.time, self.fold, self.match = feature, observations, time, fold, match
-        self.dwell, self.patience = dwell, patience
+        self.dwell, self.patience, self.outliers = dwell, patience, outliers
 
     def learn(self, demonstrations: Sequence[Demonstration]) -> SequenceGraphSkill:
         """Goals first, then the graph, then one classifier per node."""
@@ -78,6 +87,7 @@ class SequenceGraphLearner(Learner):
         table = primitive_table(first.primitives, list(first.observations))
         needed = [f"frame_{name}" for name in table.frames[1:]] + ["wrench"] * bool((table.modes == FORCE).any())
         _check_measurements(demonstrations, needed)
+        demonstrations = self._alike(demonstrations)
         measurements = [measure(demonstration.observations, table.frames) for demonstration in demonstrations]
         labels = [demonstration.labels for demonstration in demonstrations]
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
@@ -108,6 +118,15 @@ class SequenceGraphLearner(Learner):
             taught_seeds=tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations),
             metadata={"learner": self._summary(), "parameters": self.get_params(), "taught_with": len(demonstrations)},
         )
+
+    def _alike(self, demonstrations: Sequence[Demonstration]) -> Sequence[Demonstration]:
+        """The demonstrations to learn from, outliers named."""
+        found = [] if self.outliers == "keep" else find_outliers(demonstrations)
+        for outlier in found:
+            done = "is left out" if self.outliers == "drop" else "is used all the same; outliers='drop' leaves it out"
+            warnings.warn(f"{outlier}; it {done}", OutlierWarning, stacklevel=4)
+        left_out = {outlier.index for outlier in found} if self.outliers == "drop" else set()
+        return [demonstration for i, demonstration in enumerate(demonstrations) if i not in left_out]
 
     def _named_observations(self, demonstrations: Sequence[Demonstration]) -> NamedObservations:
         names = () if self.observations is None and self.feature == "primitive" else self.observations
@@ -164,7 +183,7 @@ class SequenceGraphLearner(Learner):
 
     def _check_arguments(self) -> None:
         possible = {"graph": tuple(GRAPHS), "classifier": tuple(CLASSIFIERS), "kernel": KERNELS, "feature": KINDS}
-        for name, values in (possible | {"time": TIMES, "match": MATCHES}).items():
+        for name, values in (possible | {"time": TIMES, "match": MATCHES, "outliers": OUTLIERS}).items():
             if getattr(self, name) not in values:
                 raise UnknownNameError(name, str(getattr(self, name)), values)
         if not self.C > 0:

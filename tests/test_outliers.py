@@ -8,11 +8,12 @@ import pytest
 from kinematic_world import CARRY, CLOSE, REACH, TURN_BACK, TWIST, teach
 
 from lfd_gym.demonstration import Demonstration
-from lfd_gym.errors import DemonstrationError
+from lfd_gym.errors import DemonstrationError, UnknownNameError
 from lfd_gym.recording import record
 from lfd_gym.registry import environment_id, look_up
 from policies.outliers import find_outliers
 from policies.sequence_graph import segments
+from policies.sequence_graph_learner import OutlierWarning, SequenceGraphLearner
 from scripted_teachers import TEACHERS
 from scripted_teachers.box_flipping import BoxFlippingTeacher
 from scripted_teachers.move_object import MoveObjectTeacher
@@ -78,6 +79,21 @@ def test_planted_outlier_is_the_only_one_that_is_named(usual, n, index):
         assert [outlier.index for outlier in outliers] == [index]
         assert any(text.startswith(reason) for text in outliers[0].reasons), outliers
         assert str(outliers[0]).startswith(f"demonstration {index} is unlike the others: ")
+
+
+def test_learner_names_an_outlier_and_leaves_it_out_if_asked(usual):
+    odd = shifted(usual[0], REACH, np.array([0.0, 0.08, 0.0]))
+    shown = [odd, *usual[1:4]]
+    without = SequenceGraphLearner(outliers="keep").fit(usual[1:4]).skill_
+    with pytest.warns(OutlierWarning, match="demonstration 0 is unlike the others.* is left out"):
+        dropped = SequenceGraphLearner(outliers="drop").fit(shown).skill_
+    assert np.array_equal(dropped.primitives.goal, without.primitives.goal)
+    assert dropped.taught_seeds == without.taught_seeds
+    with pytest.warns(OutlierWarning, match="is used all the same"):
+        kept = SequenceGraphLearner().fit(shown).skill_
+    assert not np.array_equal(kept.primitives.goal, without.primitives.goal)
+    with pytest.raises(UnknownNameError, match="outliers"):
+        SequenceGraphLearner(outliers="hide").fit(shown)
 
 
 def test_turned_scene_has_the_same_outliers(usual):
