@@ -145,7 +145,7 @@ def plant(folder: Path, share: float, parameters: dict[str, Any], rng: np.random
             {
                 "seed": seed,
                 "success": bool(rng.uniform() < share),
-                "restarts": 0,
+                "helped": 0,
                 "transitions": [[k, k + 1, bool(rng.uniform() < share)] for k in range(3) for _ in range(5)],
             }
             for seed in range(20)

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from lfd_gym.paths import written_whole
-from lfd_gym.report.figures import COLOURS, GOAL, STYLE, png
+from lfd_gym.report.figures import GOAL, STYLE, png
+from policies.sequence_graph_drawing import COLOURS
 
 
 class Estimate(NamedTuple):

@@ -3,12 +3,19 @@
 "A transition is considered successful, if the system activates the correct successor at the correct state. Incorrect,
 premature or too late transitions are considered failures. For unsuccessful transitions, we restart the movement, trigger the
 transition manually and continue with the reproduction from there." Here the teacher's shadow (`scripted_teachers.shadow`) says
-what is correct, and the exact state of the simulation makes the restart exact.
+what is correct, within half a second:
+
+- not premature: had the skill performed its movement on, the shadow would have turned to the next one in `TOLERANCE` at most.
+  The state of the simulation can be put back exactly, so this is tried;
+- not too late: the skill turns not later than `TOLERANCE` after the acting teacher would at the latest (`Shadow.leeway`);
+- the correct successor: both turn to the same primitive.
+
+Where the skill fails, its movement is performed on from the moment of its decision until the shadow turns, the transition is
+triggered after the teacher's pause, and the episode goes on. What follows the teacher's last primitive is not judged.
 """
 
 import copy
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -38,148 +45,165 @@ class JudgedEpisode(NamedTuple):
 
     seed: int
     success: bool
-    """The skill solved the task alone, without any help."""
-    restarts: int
+    """The skill solves the task alone, without any help."""
+    helped: int
     """How often it was helped."""
     transitions: tuple[Transition, ...]
     """In their order."""
 
 
-class Comparison:
-    """Whether a skill and its shadow turn from one primitive to the same next one, within `TOLERANCE` of each other.
+class Performance(Protocol):
+    """A skill that performs, and its shadow; what `judge` needs of them."""
 
-    The skill may go on from `TOLERANCE` before the movement is over for the shadow, until `TOLERANCE` after the acting teacher
-    would have gone on at the latest. It fails if it does not, if it turns to another primitive than the teacher, or back.
-    """
+    dt: float
+    ended: bool
+    success: bool
 
-    def __init__(self, label: int, dt: float) -> None:
-        """Both perform `label`; dt is the time between two steps [s]."""
-        self.label, self._dt = label, dt
-        self._ahead, self._waited = label, 0.0
+    @property
+    def leeway(self) -> float:
+        """See `Shadow.leeway`."""
 
-    def step(self, due: int, leeway: float, performed: int) -> bool | None:
-        """True: both have turned to the same primitive. False: the skill has failed to. None: not yet.
+    def decide(self) -> int:
+        """The label of the primitive that the skill performs now."""
 
-        Args:
-            due, leeway: what the shadow says, see `Shadow`.
-            performed: label of the skill's active primitive.
-        """
-        if due != self.label and performed == due:
-            return True
-        if due == performed == self._ahead:
-            return None
-        self._waited += self._dt
-        if due != self.label:
-            in_time = performed == self.label == self._ahead and self._waited <= leeway + TOLERANCE + 1e-9
-        else:
-            self._ahead = performed if self._ahead == self.label else self._ahead
-            in_time = performed == self._ahead and self._waited <= TOLERANCE + 1e-9
-        return None if in_time else False
+    def watch(self, label: int) -> int:
+        """The label that is due according to the shadow, while `label` is performed."""
+
+    def act(self) -> None:
+        """Perform what the skill decided, for one control step."""
+
+    def stay(self) -> None:
+        """Perform the skill's last primitive on, for one control step."""
+
+    def turn(self, label: int) -> bool:
+        """Trigger a transition; False where the skill has no such primitive."""
+
+    def snapshot(self) -> Any:
+        """World and skill, not the shadow."""
+
+    def restore(self, snapshot: Any) -> None:
+        """Put them back."""
 
 
 def judge(env: Any, skill: SequenceGraphSkill, seed: int) -> JudgedEpisode:
-    """Judge every transition of one episode. Where the skill fails at one, it first goes on alone until the end of the
-    episode, then the world is put back to where the movement began, and the movement is performed until the shadow goes on.
+    """Judge every transition of the episode that begins with `seed`."""
+    return JudgedEpisode(seed, *judge_performance(SkillPerformance(env, skill, seed)))
 
-    What follows the teacher's last primitive is not judged; whether the skill stops there shows in its success.
-    """
-    run = _Performance(env, skill, seed)
+
+def judge_performance(run: Performance) -> tuple[bool, int, tuple[Transition, ...]]:
+    """Whether the skill succeeds alone, how often it was helped, and its transitions."""
     alone: bool | None = None
-    restarts, transitions = 0, []
-    run.step(skill)
+    helped, transitions, label = 0, [], run.decide()
+    while (turn := _until_one_turns(run, label)) is not None:
+        performed, due = turn
+        decision = run.snapshot()
+        if due == label:
+            due = _stay(run, label, TOLERANCE)
+        if right := performed == due:
+            run.restore(decision)
+        else:
+            here = run.snapshot()
+            run.restore(decision)
+            alone = _finish(run) if alone is None else alone
+            run.restore(here)
+            helped += 1
+            due = _stay(run, label, np.inf) if due == label else due
+            for _ in range(round(PAUSE / run.dt) if run.leeway and not run.ended else 0):
+                run.stay()
+        if due == label:
+            break
+        transitions.append(Transition(label, due, right))
+        if not (right or run.turn(due)):
+            break
+        label = due
+    return run.success if alone is None else alone, helped, tuple(transitions)
+
+
+def _until_one_turns(run: Performance, label: int) -> tuple[int, int] | None:
+    """Perform until the skill turns, or is too late; what it performs then, and what is due. None where the episode ends."""
+    waited = 0.0
     while not run.ended:
-        movement, label = run.checkpoint(), run.due
-        comparison, right = Comparison(label, run.dt), None
-        while right is None and not run.ended:
-            run.step(skill)
-            right = comparison.step(run.due, run.shadow.leeway, run.performed)
-        if right is False:
-            if alone is None:
-                alone = run.finish()
-            restarts += 1
-            run.restart(movement)
-            if not run.help(label):
-                break
-        if right is not None:
-            transitions.append(Transition(label, run.due, right))
-    return JudgedEpisode(seed, run.success if alone is None else alone, restarts, tuple(transitions))
+        performed, due = run.decide(), run.watch(label)
+        waited += run.dt * (due != label)
+        if performed != label or waited > run.leeway + TOLERANCE:
+            return performed, due
+        run.act()
+    return None
 
 
-class _Checkpoint(NamedTuple):
-    """Where a movement began."""
-
-    world: np.ndarray
-    """State of the simulation."""
-    observation: Mapping[str, np.ndarray]
-    memory: Any
-    """State of the skill."""
-    n_watched: int
-    """Steps that the shadow had watched."""
+def _stay(run: Performance, label: int, seconds: float) -> int:
+    """Perform the primitive on until the shadow turns to the next one; what is due then."""
+    due, stayed = label, 0.0
+    while due == label and stayed < seconds - 1e-9 and not run.ended:
+        run.stay()
+        stayed += run.dt
+        due = run.watch(label)
+    return due
 
 
-class _Performance:
-    """A skill performs, and its shadow watches."""
+def _finish(run: Performance) -> bool:
+    """Whether the skill alone succeeds from here."""
+    while not run.ended:
+        run.decide()
+        run.act()
+    return run.success
+
+
+class SkillPerformance:
+    """A sequence-graph skill in its environment."""
 
     def __init__(self, env: Any, skill: SequenceGraphSkill, seed: int) -> None:
-        self.env, self.skill, self.seed, self.dt = env, skill, seed, float(env.unwrapped.dt)
+        self.env, self.skill, self.dt = env, skill, float(env.unwrapped.dt)
         self.locked = copy.copy(skill)
         self.locked.nodes = tuple(node._replace(decision=None) for node in skill.nodes)
         """The same skill, which never goes on by itself."""
         self.observation, _ = env.reset(seed=seed)
         self.memory: Any = None
-        self.watched: list[tuple[Mapping[str, np.ndarray], int]] = []
         self.ended = self.success = False
-        self.shadow = self._shadow()
+        self.shadow = Shadow(look_up(TEACHERS, "teacher for", skill.env_id)(noise=0.0))
+        self.shadow.reset(np.random.default_rng(seed), env.unwrapped.action_layout, self.dt)
 
-    def step(self, skill: SequenceGraphSkill) -> None:
-        """One control step: the skill decides, the shadow watches, the world goes on."""
-        action, self.memory = skill.predict(self.observation, self.memory)
-        self.performed = int(skill.active(self.memory)[0])
-        self.watched.append((self.observation, self.performed))
-        self.due = self.shadow.watch(*self.watched[-1])
-        self.observation, _, terminated, truncated, info = self.env.step(action)
+    @property
+    def leeway(self) -> float:
+        """See `Shadow.leeway`."""
+        return self.shadow.leeway
+
+    def decide(self) -> int:
+        """The label of the primitive that the skill performs now."""
+        self.action, self.following = self.skill.predict(self.observation, self.memory)
+        return int(self.skill.active(self.following)[0])
+
+    def watch(self, label: int) -> int:
+        """The label that is due according to the shadow, while `label` is performed."""
+        return self.shadow.watch(self.observation, label)
+
+    def act(self) -> None:
+        """Perform what the skill decided, for one control step."""
+        self.memory = self.following
+        self.observation, _, terminated, truncated, info = self.env.step(self.action)
         self.ended, self.success = terminated or truncated, bool(info["is_success"])
 
-    def finish(self) -> bool:
-        """Whether the skill solves the task alone from here."""
-        while not self.ended:
-            self.step(self.skill)
-        return self.success
+    def stay(self) -> None:
+        """Perform the skill's last primitive on, for one control step."""
+        self.action, self.following = self.locked.predict(self.observation, self.memory)
+        self.act()
 
-    def checkpoint(self) -> _Checkpoint:
-        """What `restart` needs."""
-        return _Checkpoint(self.env.unwrapped.get_state(), self.observation, self.memory, len(self.watched))
-
-    def restart(self, start: _Checkpoint) -> None:
-        """Put world, skill and shadow back."""
-        self.env.unwrapped.set_state(start.world)
-        self.observation, self.memory, self.ended = start.observation, start.memory, False
-        del self.watched[start.n_watched :]
-        self.shadow = self._shadow()
-        for step in self.watched:
-            self.due = self.shadow.watch(*step)
-
-    def help(self, label: int) -> bool:
-        """Perform a primitive until its successor is due, pause as the teacher does, and trigger the transition.
-
-        False where that was not reached before the episode ended, or where the skill has no such primitive.
-        """
-        while not self.ended and self.due == label:
-            self.step(self.locked)
-        for _ in range(round(PAUSE / self.dt) if self.shadow.leeway else 0):
-            if not self.ended:
-                self.step(self.locked)
-        if self.ended or self.due not in self.skill.graph.labels:
-            return False
+    def turn(self, label: int) -> bool:
+        """Activate the successor, or else the first node, with this label; False where there is none."""
         graph, memory = self.skill.graph, Memory(*self.memory)
-        following = [node for node in graph.successors(int(memory.node[0])) if graph.labels[node] == self.due]
-        node = (following or [graph.labels.index(self.due)])[0]
+        following = [node for node in graph.successors(int(memory.node[0])) if graph.labels[node] == label]
+        nodes = following or [node for node in range(graph.n_nodes) if graph.labels[node] == label]
         none = np.zeros(1)
-        self.memory = memory._replace(node=np.array([node]), still=none, chosen=none.astype(np.int64), lasted=none)
-        return True
+        if nodes:
+            node, chosen = np.array(nodes[:1]), np.zeros(1, dtype=np.int64)
+            self.memory = memory._replace(node=node, still=none, chosen=chosen, lasted=none)
+        return bool(nodes)
 
-    def _shadow(self) -> Shadow:
-        shadow = Shadow(look_up(TEACHERS, "teacher for", self.skill.env_id)(noise=0.0))
-        world = self.env.unwrapped
-        shadow.reset(np.random.default_rng(self.seed), world.action_layout, world.dt)
-        return shadow
+    def snapshot(self) -> Any:
+        """World and skill, not the shadow."""
+        return self.env.unwrapped.get_state(), self.observation, self.memory, self.ended, self.success
+
+    def restore(self, snapshot: Any) -> None:
+        """Put them back."""
+        state, self.observation, self.memory, self.ended, self.success = snapshot
+        self.env.unwrapped.set_state(state)
