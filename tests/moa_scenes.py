@@ -62,7 +62,8 @@ def draw(z, attractors, frames, n_steps):
 def setting(attractors, points, frames, n_support):
     """Aligned demonstrations with given attractors."""
     weights = interpolation(len(points[0]), n_support, 0.1)
-    return Setting(points, frames, attractors, weights, Response.of_attractor(ALPHA, None, DT))
+    warps = [np.arange(len(x), dtype=float) for x in points]
+    return Setting(points, frames, attractors, weights, Response.of_attractor(ALPHA, None, DT), warps)
 
 
 def random_feasible(rng, n_support, n_frames, d):

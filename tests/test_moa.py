@@ -294,5 +294,7 @@ def test_a_solver_that_is_not_there_and_frames_that_do_not_fit():
         learned([LINE], None, solver="quick")
     with pytest.raises(InvalidArgumentError, match="2 frames over any number of steps were given; 1 frames over 50"):
         learned([LINE], None).predict(Frames.at(np.zeros((2, 2))), np.zeros(2))
+    with pytest.raises(DemonstrationError, match="1 demonstrations came with 2 warps"):
+        MixtureOfAttractors(**SETTINGS).fit([LINE], warps=[np.arange(50.0)] * 2)
     with pytest.raises(NotFittedError):
         MixtureOfAttractors().predict(WORLD, np.zeros(2))

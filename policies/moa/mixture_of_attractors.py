@@ -130,7 +130,7 @@ class MixtureOfAttractors(BaseEstimator):
     ) -> Self:
         """Learn from M trajectories (N_m, d) and the frames of each, at rest or moving; the world alone where None.
 
-        warps are given where another entity was aligned before, see `align`.see `uncarried`.
+        warps are given where another entity was aligned before, see `alignment.align`.
 
         Raises:
             DemonstrationError: demonstrations that cannot be learned from.
@@ -156,7 +156,7 @@ class MixtureOfAttractors(BaseEstimator):
 
         self.z_, self.objective_ = self.solution_.z, self.solution_.error
         self.gap_ = self.objective_ - self.minimum_.error + self.minimum_.gap
-        self.attractors_, self.n_steps_ = setting.attractors, len(setting.points[0])
+        self.attractors_, self.n_steps_, self.warps_ = setting.attractors, len(setting.points[0]), setting.warps
         self.frame_activations_ = self.activations()[0]
         self.sparsity_ = sparsity(self.frame_activations_)
         pairs = zip(setting.points, setting.frames, strict=True)
@@ -173,9 +173,8 @@ class MixtureOfAttractors(BaseEstimator):
         points, frames = checked(trajectories, frames)
         if warps is None:
             warps = [np.arange(len(x), dtype=np.float64) for x in points] if self.aligned else align(points, frames)
-        weights = interpolation(common_length(warps), self.n_support, self.overlap)
+        weights = interpolation(common_length(warps, len(points)), self.n_support, self.overlap)
         attractors = self.margin if self.bounds is None else checked_bounds(self.bounds, frames[0])
-        self.warps_ = list(warps)
         return Setting.of_demonstrations(points, frames, warps, attractors, weights, self._response())
 
     def predict(self, frames: Frames, first: ArrayLike, second: ArrayLike | None = None, n: int | None = None) -> Array:

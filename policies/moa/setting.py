@@ -26,6 +26,8 @@ class Setting(NamedTuple):
     attractors: BoxAttractors
     weights: Interpolation
     response: Response
+    warps: list[Array]
+    """Per demonstration the fractional steps (N,) of the recording that match those of the movement."""
 
     @property
     def local(self) -> list[Array]:
@@ -80,7 +82,7 @@ class Setting(NamedTuple):
         pairs = [warped(x, frame, index) for x, frame, index in zip(points, frames, warps, strict=True)]
         if isinstance(attractors, float):
             attractors = BoxAttractors.around(np.concatenate([frame.local(x) for x, frame in pairs]), attractors)
-        return cls([x for x, _ in pairs], [frame for _, frame in pairs], attractors, weights, response)
+        return cls([x for x, _ in pairs], [frame for _, frame in pairs], attractors, weights, response, list(warps))
 
 
 def centred(points: Array, frames: Frames, attractors: BoxAttractors) -> tuple[Array, Array]:
@@ -93,8 +95,10 @@ def centred(points: Array, frames: Frames, attractors: BoxAttractors) -> tuple[A
     return points - middle, matrix if matrix.ndim == 3 else matrix[None]
 
 
-def common_length(warps: Sequence[Array]) -> int:
-    """Time steps N of aligned demonstrations; raises DemonstrationError where they differ."""
+def common_length(warps: Sequence[Array], n: int) -> int:
+    """Time steps N of n aligned demonstrations; raises DemonstrationError where they differ or are not as many."""
+    if len(warps) != n:
+        raise DemonstrationError(f"{n} demonstrations came with {len(warps)} warps")
     lengths = sorted({len(index) for index in warps})
     if len(lengths) > 1:
         raise DemonstrationError(f"aligned demonstrations have one length, not {', '.join(map(str, lengths))}")
