@@ -12,9 +12,15 @@ from policies.skill import Skill, read_skill_file
 
 __all__ = ["LEARNERS", "SKILLS", "Skill", "load_skill"]
 
-LEARNERS: dict[str, str] = {"sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner"}
+LEARNERS: dict[str, str] = {
+    "sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner",
+    "moa": "policies.moa_learner:MoALearner",
+}
 """Name of the method -> its learner."""
-SKILLS: dict[str, str] = {"sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill"}
+SKILLS: dict[str, str] = {
+    "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
+    "moa": "policies.moa_skill:MoASkill",
+}
 """Kind written in a skill's file -> the class that reads it."""
 
 

@@ -1,0 +1,141 @@
+"""A skill that plays a path over time: drawn for the scene as it is at the beginning, then followed by attractor goals."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym import attractor, quaternion
+from lfd_gym.action import ActionLayout
+from lfd_gym.registry import load
+from policies.features import WORLD
+from policies.moa.frames import Frames
+from policies.orientation_schedule import OrientationSchedule
+from policies.path_generators import Generator
+from policies.press_schedule import PressSchedule
+from policies.skill import Observation, Skill, State
+
+Array = NDArray[np.float64]
+
+GENERATORS: dict[str, str] = {"attractors": "policies.path_generators:AttractorPath"}
+"""Name written in a skill's file -> the generator of its path."""
+
+FELT = 0.4
+"""A tool that presses has come into contact once it feels this fraction of the force."""
+LAG = 0.01
+"""The path waits for a tool that is further away from it [m], across the direction of a press."""
+PATIENCE = 1.0
+"""The longest wait at a stretch [s]."""
+
+
+class Memory(NamedTuple):
+    """State of a skill, one row per environment."""
+
+    step: NDArray[np.int64]
+    """(n,) time step of the path; -1 before the first observation."""
+    waited: Array
+    """(n,) for how long the path has been waiting [s]."""
+    path: Array
+    """(n, N, 3) of the tool point in the scene as it was at the first observation, world frame [m]."""
+    frames: Array
+    """(n, F, 7) poses of the frames at the first observation."""
+
+
+class MoASkill(Skill):
+    """Follows a path over time (thesis 4.4.2), and presses and turns by schedules.
+
+    The goal of step i makes the controller's attractor follow the path x exactly, g_i = x_i + (x_i'' / alpha + x_i') / beta.
+    Its clock stops, for at most `PATIENCE` at a stretch, while the tool shall press and does not feel the contact, or lags
+    behind by more than `LAG`: who demonstrated pressed all along the contact, and was where the path is.
+    """
+
+    kind: ClassVar[str] = "moa"
+
+    def __init__(
+        self,
+        generator: Generator,
+        frames: Sequence[str],
+        press: PressSchedule,
+        orientation: OrientationSchedule,
+        hand: Array,
+        layout: ActionLayout,
+        dt: float,
+        **facts: Any,
+    ) -> None:
+        """frames are the names beside the world, which comes first; hand (N, H) angles [rad]; dt is the control step [s];
+        facts as in `Skill`."""
+        super().__init__(**facts)
+        self.generator, self.frames = generator, tuple(frames)
+        self.press, self.orientation, self.hand = press, orientation, hand
+        self.layout, self.dt = layout, dt
+
+    def start(self, n: int) -> State:
+        """Nothing is drawn before the first observation."""
+        shapes = (n, len(self.hand), 3), (n, len(self.frames) + 1, 7)
+        return Memory(np.full(n, -1), np.zeros(n), *(np.zeros(shape) for shape in shapes))
+
+    def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
+        """The goals of this time step, and the next one unless the tool has to be waited for."""
+        memory = Memory(*state)
+        if memory.step < 0:
+            memory = self._begin(observation)
+        i = int(memory.step)
+        pressed = int(self.press.frame[i])
+        force = quaternion.rotate(memory.frames[pressed, 3:], self.press.force[i])
+        waits = memory.waited < PATIENCE and self._lags(observation, memory.path[i], force)
+        turned = memory.frames[self.orientation.frame[i], 3:]
+        goal = memory.path[i] if waits else self._goal(memory.path, i)
+        action = self.layout.encode(
+            goal, quaternion.multiply(turned, self.orientation.quaternion[i]), force, self.hand[i]
+        )
+        if waits:
+            return action, memory._replace(waited=memory.waited + self.dt)
+        following = min(i + 1, len(memory.path) - 1)
+        return action, memory._replace(step=np.array(following), waited=np.array(0.0))
+
+    def _begin(self, observation: Observation) -> Memory:
+        poses = np.array([WORLD, *(observation[f"frame_{name}"] for name in self.frames)])
+        first = np.asarray(observation["tool_position"], dtype=np.float64)
+        path = self.generator.path(Frames.of_poses(poses), first)
+        return Memory(np.array(0), np.array(0.0), path, poses)
+
+    def _goal(self, path: Array, i: int) -> Array:
+        before, here, after = path[max(i - 1, 0)], path[i], path[min(i + 1, len(path) - 1)]
+        velocity, acceleration = 0.5 * (after - before) / self.dt, (after - 2.0 * here + before) / self.dt**2
+        return attractor.goal(here, velocity, acceleration, self.layout.alpha, self.layout.beta)
+
+    def _lags(self, observation: Observation, place: Array, force: Array) -> bool:
+        error = observation["tool_position"] - place
+        magnitude = float(np.linalg.norm(force))
+        if magnitude > 0.0:
+            direction = force / magnitude
+            if -observation["wrench"][:3] @ direction < FELT * magnitude:
+                return True
+            error = error - (error @ direction) * direction
+        return bool(np.linalg.norm(error) > LAG)
+
+    def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Path, schedules and layout."""
+        kinds = {path.partition(":")[2]: name for name, path in GENERATORS.items()}
+        parts: dict[str, Any] = {"path": self.generator, "press": self.press, "orientation": self.orientation}
+        arrays = {f"{part}_{name}": a for part, values in parts.items() for name, a in values._asdict().items()}
+        values = {
+            "generator": kinds[type(self.generator).__name__],
+            "frames": list(self.frames),
+            "layout": self.layout.to_dict(),
+            "dt": self.dt,
+        }
+        return values, arrays | {"hand": self.hand}
+
+    @classmethod
+    def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
+        """The skill that `to_arrays` described."""
+
+        def part(kind: Any, prefix: str) -> Any:
+            return kind(**{name: arrays[f"{prefix}_{name}"] for name in kind._fields})
+
+        generator = part(load(GENERATORS[header["generator"]]), "path")
+        press, orientation = part(PressSchedule, "press"), part(OrientationSchedule, "orientation")
+        layout = ActionLayout.from_dict(header["layout"])
+        return cls(generator, header["frames"], press, orientation, arrays["hand"], layout, header["dt"], **facts)

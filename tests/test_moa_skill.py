@@ -1,0 +1,156 @@
+"""Skills that play a path over time: what they learn from paths and wrenches, and what they do on boards they never saw."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from writing_world import CORNERS, DT, HOME, PRESS, board_pose, demonstrate, demonstration, draw
+
+from lfd_gym.errors import DemonstrationError
+from policies import load_skill
+from policies.moa.frames import Frames
+from policies.moa_learner import MoALearner
+from policies.moa_skill import PATIENCE, Memory
+from policies.orientation_schedule import cheapest_sequence, learn_orientations
+from policies.press_schedule import learn_presses
+
+
+@pytest.fixture(scope="module")
+def taught():
+    return [demonstrate(seed) for seed in range(5)]
+
+
+@pytest.fixture(scope="module")
+def learner(taught):
+    return MoALearner().fit(taught)
+
+
+@pytest.fixture(scope="module")
+def skill(learner):
+    return learner.skill_
+
+
+def distance_to_square(points):
+    """Of points (N, 2) [m]."""
+    a, b = CORNERS[:-1], CORNERS[1:]
+    along = np.clip(((points[:, None] - a) * (b - a)).sum(2) / ((b - a) ** 2).sum(1), 0.0, 1.0)
+    return np.linalg.norm(points[:, None] - a - along[..., None] * (b - a), axis=2).min(axis=1)
+
+
+def test_the_square_is_drawn_on_boards_never_seen(skill):
+    for seed in range(100, 104):
+        ink, world = draw(skill, board_pose(np.random.default_rng(seed)))
+        assert distance_to_square(ink).max() < 0.003
+        sides = np.concatenate([np.linspace(a, b, 30) for a, b in itertools.pairwise(CORNERS)])
+        assert np.linalg.norm(sides[:, None] - ink, axis=2).min(axis=1).max() < 0.004
+        assert np.linalg.norm(world.position - HOME) < 0.01
+
+
+def test_the_path_is_in_the_board_while_writing_and_in_the_world_otherwise(learner, skill):
+    activations = learner.model_.frame_activations_
+    writes = skill.press.force.any(axis=1)
+    assert activations[writes, 1].mean() > 0.95
+    assert activations[-10:, 0].mean() > 0.95
+
+
+def test_the_press_is_learned_without_friction(skill):
+    forces = skill.press.force[skill.press.force.any(axis=1)]
+    assert len(np.unique(forces, axis=0)) == 1
+    assert np.linalg.norm(forces[0] - [0, 0, -PRESS]) < 0.15 * PRESS
+    assert set(skill.press.frame[skill.press.force.any(axis=1)]) == {1}
+
+
+def test_what_gives_way_is_carried_and_not_pressed():
+    rng = np.random.default_rng(0)
+    height = np.clip(np.linspace(-0.1, 0.3, 200), 0.0, 0.2)
+    points = [np.stack([np.full(200, x), np.zeros(200), height], axis=1) for x in rng.uniform(size=3)]
+    local = [Frames.world(3).local(x) for x in points]
+    wrench = np.zeros((200, 6))
+    wrench[40:160, 2] = -5.0
+    axes = [np.eye(3)[None]] * 3
+    assert not learn_presses(local, axes, [wrench] * 3, DT).force.any()
+    still = [np.repeat(x[:1], 200, axis=0) for x in local]
+    assert learn_presses(still, axes, [wrench] * 3, DT).force[100] @ [0, 0, 1] == 5.0
+
+
+def test_chatter_is_no_gap_in_a_contact():
+    wrench = np.zeros((100, 6))
+    wrench[20:80, 2], wrench[50, 2], wrench[90, 2] = 4.0, 0.0, 4.0
+    local, axes = [np.zeros((100, 1, 3))], [np.eye(3)[None]]
+    force = learn_presses(local, axes, [wrench], DT).force
+    assert np.array_equal(np.flatnonzero(force.any(axis=1)), np.arange(20, 80))
+
+
+def test_turning_and_shifting_the_scene_turns_and_shifts_the_path(skill):
+    rng = np.random.default_rng(3)
+    poses = np.array([[0, 0, 0, 1, 0, 0, 0], board_pose(rng)])
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(size=3)
+    frames = Frames.of_poses(poses)
+    path = skill.generator.path(frames, HOME)
+    moved = skill.generator.path(frames.moved(turn, shift), turn @ HOME + shift)
+    np.testing.assert_allclose(moved, path @ turn.T + shift, atol=1e-12)
+
+
+def test_the_clock_stops_for_a_contact_that_is_missing_but_not_for_ever(skill):
+    i = int(np.flatnonzero(skill.press.force.any(axis=1))[0])
+    pose = board_pose(np.random.default_rng(7))
+    seen = {"tool_position": HOME, "tool_quaternion": np.array([0.0, 0, 1, 0]), "frame_board": pose}
+    _, state = skill.predict(seen | {"wrench": np.zeros(6)})
+    state = Memory(*state)._replace(step=np.array([i]))
+    on_path = seen | {"tool_position": state.path[0, i], "wrench": np.zeros(6)}
+    steps = []
+    for _ in range(round(PATIENCE / DT) + 2):
+        _, state = skill.predict(on_path, state)
+        steps.append(int(Memory(*state).step[0]))
+    assert steps[: round(PATIENCE / DT)] == [i] * round(PATIENCE / DT)
+    assert steps[-1] > i
+    normal = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()[:, 2]
+    felt = on_path | {"wrench": np.r_[PRESS * normal, np.zeros(3)]}
+    _, state = skill.predict(felt, Memory(*state)._replace(step=np.array([i]), waited=np.zeros(1)))
+    assert Memory(*state).step[0] == i + 1
+
+
+def test_a_turned_tool_is_turned_with_the_frame_it_belongs_to():
+    rng = np.random.default_rng(0)
+    planted = Rotation.random(rng=rng)
+    axes = [np.array([np.eye(3), Rotation.random(rng=rng).as_matrix()]) for _ in range(4)]
+    noise = [Rotation.from_rotvec(0.02 * rng.standard_normal((100, 3))) for _ in range(4)]
+    first = [Rotation.from_matrix(np.tile(a[1], (50, 1, 1))) * planted for a in axes]
+    then = Rotation.from_matrix(np.tile(np.eye(3), (50, 1, 1)))
+    turns = [Rotation.concatenate([one, then]) * n for one, n in zip(first, noise, strict=True)]
+    learned = learn_orientations([turn.as_quat(scalar_first=True) for turn in turns], axes, DT)
+    assert np.abs(np.flatnonzero(np.diff(learned.frame)) - 49).max() < 15
+    assert learned.frame[0] == 1
+    assert learned.frame[-1] == 0
+    found = Rotation.from_quat(learned.quaternion, scalar_first=True)
+    assert (planted.inv() * found[:30]).magnitude().max() < 0.1
+    assert found[-30:].magnitude().max() < 0.1
+
+
+def test_the_cheapest_sequence_is_the_cheapest_of_all():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        costs = rng.uniform(size=(6, 3))
+        every = np.array(list(itertools.product(range(3), repeat=6)))
+        total = costs[np.arange(6), every].sum(axis=1) + 0.3 * (np.diff(every, axis=1) != 0).sum(axis=1)
+        assert np.array_equal(cheapest_sequence(costs, 0.3), every[np.argmin(total)])
+
+
+def test_a_file_keeps_the_skill(skill, tmp_path):
+    skill.save(tmp_path / "skill.npz")
+    pose = board_pose(np.random.default_rng(8))
+    assert np.array_equal(
+        draw(load_skill(tmp_path / "skill.npz"), pose, 4.0)[1].position, draw(skill, pose, 4.0)[1].position
+    )
+
+
+def test_bad_demonstrations_are_refused(taught):
+    one = taught[0]
+    broken = dict(one.observations) | {"frame_board": np.full_like(one.observations["frame_board"], np.nan)}
+    with pytest.raises(DemonstrationError, match="frame of demonstration 1"):
+        MoALearner().fit([one, dataclasses.replace(one, observations=broken)])
+    still = np.tile(HOME, (50, 1))
+    with pytest.raises(DemonstrationError, match="never moves"):
+        MoALearner().fit([demonstration(0, still, np.zeros((50, 6)), board_pose(np.random.default_rng(0)))])
