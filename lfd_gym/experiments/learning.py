@@ -21,14 +21,14 @@ TEACHING = {
 
 
 @functools.lru_cache(maxsize=3)
-def demonstrations(env_id: str, n: int, seed: int) -> Sequence[Demonstration]:
+def demonstrations(env_id: str, n: int, seed: int, mode: str = "commanded") -> Sequence[Demonstration]:
     """Noise-1 demonstrations of a teaching seed; the first of them are those of a smaller n."""
-    return tuple(record(env_id, teacher(env_id, 1.0), n, seed).demonstrations)
+    return tuple(record(env_id, teacher(env_id, 1.0, mode), n, seed).demonstrations)
 
 
-def learned(env_id: str, seed: int, n: int | None = None, **parameters: Any) -> Any:
+def learned(env_id: str, seed: int, n: int | None = None, mode: str = "commanded", **parameters: Any) -> Any:
     """The sequence-graph skill of n demonstrations, by default of as many as `TEACHING` says."""
-    return learned_from(demonstrations(env_id, n or TEACHING[env_id], seed), **parameters)
+    return learned_from(demonstrations(env_id, n or TEACHING[env_id], seed, mode), **parameters)
 
 
 def learned_from(shown: Sequence[Demonstration], **parameters: Any) -> Any:
@@ -36,6 +36,6 @@ def learned_from(shown: Sequence[Demonstration], **parameters: Any) -> Any:
     return SequenceGraphLearner(**parameters).fit(shown).skill_
 
 
-def teacher(env_id: str, noise: float) -> Any:
+def teacher(env_id: str, noise: float, mode: str = "commanded") -> Any:
     """The scripted teacher of a task."""
-    return look_up(TEACHERS, "teacher for", env_id)(noise=noise)
+    return look_up(TEACHERS, "teacher for", env_id)(noise=noise, mode=mode)
