@@ -65,7 +65,8 @@ def _judged_skills(rows: Rows, parameters: Mapping[str, Any]) -> list[dict[str, 
             shown = demonstrations(TASK, DEMONSTRATIONS, seed)
             return learned_from([shown[i] for i in chosen], **parameters)
 
-        name = "-".join([*map(str, parameters.values()), str(seed), "".join(map(str, chosen))])
+        settings = [value if isinstance(value, str) else f"{key}-{value}" for key, value in parameters.items()]
+        name = "-".join([*settings, str(seed), "".join(map(str, chosen))])
         skills.append({"size": len(chosen), "episodes": rows.observed(name, TASK, skill, judge, SETUPS)})
     return skills
 
@@ -95,11 +96,11 @@ def _differences(found: Mapping[str, Judged], orders: Sequence[tuple[str, str]])
     for better, worse in orders:
         estimates = differences(found[better], found[worse])
         rows.append([f"{better} > {worse}", *(f"{e}, {_verdict(e)}" for e in estimates)])
-    return markdown(["order in the thesis", "mean over the transitions", "whole task"], rows)
+    return markdown(["order", "mean over the transitions", "whole task"], rows)
 
 
 def _verdict(difference: Estimate) -> str:
-    return "reproduced" if difference.low > 0 else "reversed" if difference.high < 0 else "not told apart"
+    return "shows" if difference.low > 0 else "is reversed" if difference.high < 0 else "is not told apart"
 
 
 def _draw(path: Path, summaries: Mapping[str, Sequence[Summary]]) -> None:
