@@ -2,7 +2,6 @@
 
 import dataclasses
 import pickle
-import time
 
 import numpy as np
 import pytest
@@ -215,15 +214,3 @@ def test_folding_can_be_switched_off(taught):
 
 def test_registry_names_the_learner():
     assert LEARNERS["sequence-graph"].endswith(":SequenceGraphLearner")
-
-
-def test_prediction_is_fast(skill):
-    observation = LidWorld().reset(0)
-    _, state = skill.predict(observation)
-    fastest = np.inf
-    for _ in range(10):
-        begin = time.process_time()
-        for _ in range(100):
-            skill.predict(observation, state)
-        fastest = min(fastest, (time.process_time() - begin) / 100)
-    assert fastest < 200e-6

@@ -1,14 +1,12 @@
 """Transition classifiers (thesis 2.4): exported arrays decide as the scikit-learn estimators do, only faster."""
 
-import time
-
 import numpy as np
 import pytest
 
 from lfd_gym.errors import DemonstrationError
 from policies.decisions import DECISIONS, VotingDecision, constant_decision
+from policies.feature_selection import separation
 from policies.held_out import held_out_accuracy
-from policies.transition_data import separation
 from policies.transitions import CLASSIFIERS, logistic_slope
 
 KINDS = [
@@ -112,20 +110,6 @@ def test_decisions_are_rebuilt_from_their_arrays(classifier, settings):
     again = DECISIONS[kind](**{name: np.asarray(a) for name, a in decision._asdict().items()})
     assert all((again.scores(f) == decision.scores(f)).all() for f in unseen)
     assert all((again.probabilities(f) == decision.probabilities(f)).all() for f in unseen)
-
-
-@pytest.mark.parametrize(("classifier", "settings"), KINDS)
-def test_scores_of_one_sample_are_fast(classifier, settings):
-    features, classes, weights, unseen = problem(4, 6, seed=0)
-    _, decision = CLASSIFIERS[classifier](features, classes, weights, C=10.0, **settings)
-    decision.scores(unseen[0])
-    fastest = np.inf
-    for _ in range(10):
-        begin = time.process_time()
-        for row in unseen:
-            decision.scores(row)
-        fastest = min(fastest, (time.process_time() - begin) / len(unseen))
-    assert fastest < 50e-6
 
 
 def test_constant_decision_stays():
