@@ -133,9 +133,7 @@ class _Method:
         step, d_slack, d_dual = direction(affine + target - d_slack * d_dual)
         length = longest(d_slack, d_dual)
         d_alpha, d_rho = split(step, self.problem.n_frames)
-        alpha = state.alpha + length * d_alpha
-        alpha /= alpha.sum(axis=1, keepdims=True)
-        rho = state.rho + length * d_rho
+        alpha, rho = state.alpha + length * d_alpha, state.rho + length * d_rho
         return _State(alpha, rho, _both(alpha, rho), state.dual + length * d_dual)
 
     def _transposed(self, dual: Array) -> Array:
