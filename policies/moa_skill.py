@@ -18,7 +18,13 @@ from policies.skill import Observation, Skill, State
 
 Array = NDArray[np.float64]
 
-GENERATORS: dict[str, str] = {"attractors": "policies.path_generators:AttractorPath"}
+GENERATORS: dict[str, str] = {
+    "attractors": "policies.path_generators:AttractorPath",
+    "mixture": "policies.trajectory_baselines.gaussian_mixture:MixturePath",
+    "dmp": "policies.trajectory_baselines.dynamic_movement_primitives:SegmentedDMP",
+    "promp": "policies.trajectory_baselines.promp:ConditionedPath",
+    "fixed": "policies.trajectory_baselines.replay:FixedPath",
+}
 """Name written in a skill's file -> the generator of its path."""
 
 FELT = 0.4

@@ -1,0 +1,119 @@
+"""Other models of paths over time: each recovers what it can represent, and shows the limit that it is known for."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from writing_world import HOME, board_pose, demonstrate, draw
+
+from lfd_gym.experiments import writing
+from lfd_gym.registry import load
+from policies import load_skill
+from policies.moa.frames import Frames
+from policies.trajectory_baselines import BASELINES
+from policies.trajectory_baselines.dynamic_movement_primitives import fit_segments, segment_by_variance
+from policies.trajectory_baselines.gaussian_mixture import fit_mixture
+from policies.trajectory_baselines.promp import fit_promp
+
+N = 200
+TIME = np.linspace(0.0, 1.0, N)
+FROM_REST = TIME**3 * (10.0 - 15.0 * TIME + 6.0 * TIME**2)
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    """Paths (M, N, 3) that follow a loop in frame 1 in their middle and go from and to a point of frame 0."""
+    rng = np.random.default_rng(0)
+    frames = [Frames.of_poses(np.array([[0, 0, 0, 1, 0, 0, 0], board_pose(rng)])) for _ in range(6)]
+    return frames, np.array([path_in(frame, rng) for frame in frames])
+
+
+def path_in(frames, rng):
+    loop = 0.05 * np.stack([np.sin(4 * np.pi * TIME), np.cos(2 * np.pi * TIME), TIME], axis=1)
+    blend = np.clip(5.0 * np.minimum(TIME, 1.0 - TIME), 0.0, 1.0)[:, None]
+    smooth = blend**2 * (3.0 - 2.0 * blend)
+    return (1 - smooth) * HOME + smooth * (frames.origins[1] + loop @ frames.axes[1].T) + 1e-4 * rng.normal(size=(N, 3))
+
+
+def local_of(scenes):
+    return np.array([frame.local(path) for frame, path in zip(*scenes, strict=True)])
+
+
+def new_scene():
+    rng = np.random.default_rng(50)
+    frames = Frames.of_poses(np.array([[0, 0, 0, 1, 0, 0, 0], board_pose(rng)]))
+    return frames, path_in(frames, rng)
+
+
+def test_tp_gmm_draws_in_a_new_scene_and_gmr_cannot(scenes):
+    local, (frames, wanted) = local_of(scenes), new_scene()
+    middle = slice(60, 140)
+    task = fit_mixture(local, 25, 1e-6, slice(None)).path(frames, HOME)
+    blind = fit_mixture(local, 10, 1e-6, slice(0, 1))
+    world = blind.path(frames, HOME)
+    assert np.linalg.norm(task - wanted, axis=1)[middle].max() < 0.005
+    assert np.linalg.norm(world - wanted, axis=1)[middle].mean() > 0.05
+    assert np.array_equal(world, blind.path(scenes[0][0], HOME))
+
+
+def test_tp_gmm_turns_with_the_scene(scenes):
+    model, (frames, _) = fit_mixture(local_of(scenes), 15, 1e-6, slice(None)), new_scene()
+    rng = np.random.default_rng(1)
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(size=3)
+    moved = model.path(frames.moved(turn, shift), HOME)
+    np.testing.assert_allclose(moved, model.path(frames, HOME) @ turn.T + shift, atol=1e-7)
+
+
+def test_var_dmp_finds_the_frames_and_draws_in_a_new_scene(scenes):
+    local, (frames, wanted) = local_of(scenes), new_scene()
+    start, frame = segment_by_variance(local, 10)
+    assert list(frame) == [0, 1, 0]
+    path = fit_segments(local, start, frame, 5, goal_scaling=False).path(frames, HOME)
+    assert np.linalg.norm(path - wanted, axis=1)[120:160].max() < 0.005
+
+
+def test_a_dmp_reproduces_one_demonstration_and_collapses_where_it_starts_at_its_goal():
+    path = np.stack([FROM_REST, np.sin(3 * FROM_REST), 0.5 * FROM_REST**2], axis=1)
+    whole, world = (np.array([0, N]), np.array([0])), Frames.world(3)
+    scaled, free = (fit_segments(path[None, :, None], *whole, 5, goal_scaling=scaling) for scaling in (True, False))
+    for dmp in (scaled, free):
+        assert np.linalg.norm(dmp.path(world, path[0]) - path, axis=1).max() < 0.01
+    goal = scaled.goal[0]
+    assert np.ptp(scaled.path(world, goal), axis=0).max() < 1e-12
+    assert np.ptp(free.path(world, goal), axis=0).max() > 0.1
+
+
+def test_a_promp_follows_its_start_as_the_demonstrations_did():
+    rng = np.random.default_rng(0)
+    starts, fades = rng.uniform(size=(10, 1, 2)), (1.0 - FROM_REST)[:, None]
+    paths = fades * starts + (1 - fades) * np.array([1.0, 2.0])
+    model = fit_promp(paths, 20, 0.1, 1e-9, 1e-4)
+    first = np.array([0.3, -0.4])
+    wanted = fades * first + (1 - fades) * np.array([1.0, 2.0])
+    assert np.abs(model.path(Frames.world(2), first) - wanted).max() < 0.02
+
+
+@pytest.mark.parametrize("method", BASELINES)
+def test_every_baseline_is_a_skill_with_a_file(method, tmp_path):
+    parameters = {"n_components": 10} if method in ("tp-gmm", "gmr") else {}
+    skill = load(BASELINES[method])(**parameters).fit([demonstrate(seed) for seed in range(3)]).skill_
+    skill.save(tmp_path / "skill.npz")
+    pose = board_pose(np.random.default_rng(9))
+    ends = [draw(one, pose, 2.0)[1].position for one in (skill, load_skill(tmp_path / "skill.npz"))]
+    assert np.array_equal(*ends)
+    assert np.linalg.norm(ends[0] - HOME) > 0.05
+
+
+def test_replay_is_one_of_the_demonstrations():
+    shown = [demonstrate(seed) for seed in range(3)]
+    points = load(BASELINES["replay"])().fit(shown).skill_.generator.points
+    assert any(np.array_equal(points, d.observations["tool_position"]) for d in shown)
+
+
+def test_distances_to_a_word():
+    strokes = writing.strokes("I")
+    corner = strokes[0][0]
+    assert writing.distances(corner[None], "I")[0] < 1e-9
+    away = np.array([[1.0, 0.0]])
+    assert writing.distances(away, "I")[0] == pytest.approx(
+        min(np.linalg.norm(away - writing.sample(s, 1e-3), axis=1).min() for s in strokes), abs=1e-3
+    )
