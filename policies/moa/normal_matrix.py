@@ -46,7 +46,7 @@ class _Still:
 
     def __init__(self, group: Group, basis: Array) -> None:
         filtered = group.response.forced(group.weights.matrix)
-        self._time = 2.0 * filtered.T @ filtered
+        self._time = 2.0 * (filtered.T @ filtered)
         self._space = np.asarray((group.matrices[0] @ basis).T @ (group.matrices[0] @ basis))
         size = np.sqrt(np.maximum(np.diag(self._time), np.finfo(float).tiny))
         rows, columns = np.nonzero(np.abs(self._time) > NEGLIGIBLE * size * size[:, None])
