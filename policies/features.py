@@ -10,7 +10,7 @@ coordinates x are (`N_COORDINATES`,):
 The same compiled kernel serves a whole demonstration and a single observation.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,8 +61,25 @@ class PrimitiveTable(NamedTuple):
     """(K,) CARTESIAN or CYLINDRICAL, of the position."""
     modes: NDArray[np.int64]
     """(K, N_COORDINATES) of HOLD, CONTROLLED, FORCE."""
+    shared: NDArray[np.int64]
+    """(K, 3) per entity the first row with the same primitive of this entity, in the same frame and space."""
     frames: tuple[str, ...]
     """Names of the frames in use, "world" first."""
+
+    def entity_frames(self) -> NDArray[np.int64]:
+        """(K, 3) index into the frames per entity; the hand has none but its own."""
+        return np.stack([self.position_frame, self.orientation_frame, np.zeros_like(self.position_frame)], axis=1)
+
+    def alike(self, k: int, coordinate: int, rows: Iterable[int]) -> list[int]:
+        """Those of the rows that go to the same goal as row k along a coordinate; k itself if it does not control it."""
+        entity = next(e for e, part in enumerate(ENTITIES.values()) if part.start <= coordinate < part.stop)
+        if self.modes[k, coordinate] != CONTROLLED:
+            return [k]
+        return [
+            j
+            for j in rows
+            if self.shared[j, entity] == self.shared[k, entity] and self.modes[j, coordinate] == CONTROLLED
+        ]
 
 
 def primitive_table(primitives: Sequence[Primitive], observation_names: Sequence[str]) -> PrimitiveTable:
@@ -81,7 +98,16 @@ def primitive_table(primitives: Sequence[Primitive], observation_names: Sequence
     position_frame = np.array([frames.index(p.position.frame) for p in primitives], dtype=np.int64)
     orientation_frame = np.array([frames.index(p.orientation.frame) for p in primitives], dtype=np.int64)
     space = np.array([POSITION_SPACES.index(p.position.space) for p in primitives], dtype=np.int64)
-    return PrimitiveTable(position_frame, orientation_frame, space, modes, frames)
+    kinds = [[_kind(entity, getattr(p, entity)) for entity in ENTITIES] for p in primitives]
+    shared = [[[row[e] for row in kinds].index(kind) for e, kind in enumerate(own)] for own in kinds]
+    return PrimitiveTable(position_frame, orientation_frame, space, modes, np.array(shared, dtype=np.int64), frames)
+
+
+def _kind(entity: str, control: EntityControl | None) -> tuple[int, str, str] | None:
+    """What primitives of an entity have in common that go to the same goal."""
+    if control is None:
+        return None
+    return control.primitive, "world" if entity == "hand" else control.frame, control.space
 
 
 def _check_control(what: str, entity: str, control: EntityControl, frames: Sequence[str]) -> None:
@@ -176,14 +202,10 @@ def deviations(x: Array, goal: Array, space: int) -> Array:
     return result
 
 
-def relative_quaternions(measured: Measurement, frame: int) -> Array:
-    """Tool orientation relative to a frame (N, 4), canonical (w >= 0)."""
-    return np.array(
-        [
-            quaternion.canonical(quaternion.multiply(quaternion.conjugate(pose[3:]), q))
-            for pose, q in zip(measured.frames[:, frame], measured.quaternion, strict=True)
-        ]
-    )
+def relative_quaternion(measured: Measurement, frame: int, t: int) -> Array:
+    """Tool orientation (4,) relative to a frame at one instant, canonical (w >= 0)."""
+    pose = measured.frames[t, frame]
+    return quaternion.canonical(quaternion.multiply(quaternion.conjugate(pose[3:]), measured.quaternion[t]))
 
 
 def mean_quaternion(quaternions: Array) -> Array:

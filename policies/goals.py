@@ -86,23 +86,27 @@ def segment_distance(x: ArrayLike, end: float, side: int) -> NDArray[np.float64]
     return np.where(side * (x - end) > 0, 0.0, np.abs(x - end))
 
 
-def goal_cost(x: ArrayLike, ends: ArrayLike, sides: ArrayLike) -> NDArray[np.float64]:
-    """J(x) = sum_m d_m(x)^2 of (2.10): convex, once differentiable, flat where every segment agrees."""
-    terms = zip(np.atleast_1d(ends), np.atleast_1d(sides), strict=True)
-    return np.sum([segment_distance(x, u, s) ** 2 for u, s in terms], axis=0)
+def goal_cost(x: ArrayLike, ends: ArrayLike, sides: ArrayLike, weights: ArrayLike = 1.0) -> NDArray[np.float64]:
+    """J(x) = sum_m w_m d_m(x)^2 of (2.10): convex, once differentiable, flat where every segment agrees.
+
+    The weights w_m (M,), all 1 in the thesis, tell precise segments from others.
+    """
+    terms = np.broadcast_arrays(np.atleast_1d(ends), np.atleast_1d(sides), weights)
+    return np.sum([w * segment_distance(x, u, s) ** 2 for u, s, w in zip(*terms, strict=True)], axis=0)
 
 
-def best_compromise(ends: ArrayLike, sides: ArrayLike) -> float:
+def best_compromise(ends: ArrayLike, sides: ArrayLike, weights: ArrayLike = 1.0) -> float:
     """Goal g = argmin_x J(x) in closed form: (2.11) read as an argmin, (2.12)-(2.14).
 
-    ends (M,) are the u_m, sides (M,) in {-1, 0, 1} the signs of the slopes. Between two neighbouring sorted ends the
-    set D of segments with a nonzero distance is constant and J a parabola with its minimum at their mean, clipped to
-    the interval; where D is empty the centre of the interval is chosen. With M = 1 the goal is u_1; if all slopes agree
-    in sign it is the extreme end in that direction.
+    ends (M,) are the u_m, sides (M,) in {-1, 0, 1} the signs of the slopes, weights (M,) those of `goal_cost`. Between two
+    neighbouring sorted ends the set D of segments with a nonzero distance is constant and J a parabola with its minimum at
+    their mean, clipped to the interval; where D is empty the centre of the interval is chosen. With M = 1 the goal is u_1;
+    if all slopes agree in sign it is the extreme end in that direction.
     """
     ends, sides = np.asarray(ends, dtype=np.float64), np.asarray(sides)
     if ends.ndim != 1 or len(ends) == 0 or ends.shape != sides.shape:
         raise ValueError(f"ends and sides are vectors of one length >= 1, not {ends.shape} and {sides.shape}")
+    w = np.broadcast_to(weights, ends.shape)
     knots = np.sort(ends)
     candidates = [knots[0], knots[-1]]
     for low, high in itertools.pairwise(knots):
@@ -110,8 +114,8 @@ def best_compromise(ends: ArrayLike, sides: ArrayLike) -> float:
         active = sides * (middle - ends) <= 0
         if not active.any():
             return float(middle)
-        candidates.append(np.clip(ends[active].mean(), low, high))
-    costs = goal_cost(np.array(candidates), ends, sides)
+        candidates.append(np.clip(np.average(ends[active], weights=w[active]), low, high))
+    costs = goal_cost(np.array(candidates), ends, sides, w)
     return float(candidates[int(np.argmin(costs))])
 
 
@@ -120,8 +124,9 @@ def attractor_goal(
     time: NormalisedTime = "squared",
     dead_band: float = 0.0,
     rest: tuple[int, float] | None = None,
+    weights: ArrayLike = 1.0,
 ) -> float:
-    """Attractor goal of one dimension from its M >= 1 segments, each (N_m,) (thesis 2.2).
+    """Attractor goal of one dimension from its M >= 1 segments, each (N_m,), with weights (M,) (thesis 2.2).
 
     dead_band, in units of x: a line that travels less within its segment points to no side (needed in (2.9), or a
     constant segment would pick a random one). It is compared with |alpha| (t_N - t_1), which has the unit of x in every
@@ -136,7 +141,7 @@ def attractor_goal(
     if rest is not None:
         n, range_ = rest
         sides = [0 if np.ptp(np.asarray(x)[-n:]) <= range_ else side for x, side in zip(segments, sides, strict=True)]
-    return best_compromise([line.end for line in lines], sides)
+    return best_compromise([line.end for line in lines], sides, weights)
 
 
 def attractor_goals(

@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
+from lfd_gym.errors import DemonstrationError
 from policies.features import (
     CONTROLLED,
     FORCE,
     HAND,
     N_COORDINATES,
+    ORIENTATION,
     POSITION,
     Measurement,
     PrimitiveTable,
     mean_quaternion,
-    relative_quaternions,
+    relative_quaternion,
     trajectory,
 )
 from policies.goals import NormalisedTime, attractor_goal
@@ -33,8 +35,12 @@ Array = NDArray[np.float64]
 DEAD_BAND = np.array([[0.005] * 3 + [0.05] * 7, [0.005, 0.05, 0.005] + [0.05] * 7])
 """Travel below which a segment points to no side (2.9), per space: 5 mm, 3 degrees; above sensor noise, below any
 movement."""
+APART = np.array([[0.15] * 3 + [1.0] * 7, [0.15, 0.5, 0.15] + [1.0] * 7])
+"""Rows of the primitive table that end farther apart than this [m], [rad] cannot share a goal, per space."""
 REST_TIME, REST_SHARE = 0.1, 0.4
 """A segment that moved by less than this share of the dead band (2 mm, 1 degree) in the last time [s] rests at its goal."""
+SMALLEST_SCATTER = 0.001
+"""[m] or [rad]: below that a scatter of goals is not told from the controller's error."""
 PRESSES, GRIP = 0.5, 0.25
 """A hand joint whose drive bears more than this torque [N m] at the end of a movement presses against something; its
 goal lies beyond where it stalled, by this angle [rad], which is enough for all the torque that a drive gives."""
@@ -69,34 +75,71 @@ def learn_primitives(
     measurements: Sequence[Measurement],
     time: NormalisedTime,
 ) -> MovementPrimitives:
-    """Goals and forces of every primitive from all its segments; rows never demonstrated stay zero."""
-    n, n_rest = len(names), round(REST_TIME / demonstrations[0].dt) + 1
+    """Goals and forces of every primitive from all its segments; rows never demonstrated stay zero.
+
+    Rows that share a primitive of the position or the orientation (in the same frame and space) share its goal, and learn it
+    from all of their segments. Where the hand ends depends on what it holds. Raises DemonstrationError for rows that share
+    a primitive and end far apart.
+    """
+    n, dt = len(names), float(demonstrations[0].dt)
     mean = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     goal, grip, force, speed = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3)), np.zeros(n)
     parts = [(m, s) for m, demonstration in enumerate(demonstrations) for s in segments(demonstration.labels)]
-    for k in range(n):
-        own = [(m, slice(s.start, s.stop + 1)) for m, s in parts if s.label == k]
-        if not own:
-            continue
+    shown = {k: [(m, slice(s.start, s.stop + 1)) for m, s in parts if s.label == k] for k in range(n)}
+    shown = {k: own for k, own in shown.items() if own}
+    for k in shown:
+        ends = [(m, at.stop - 1) for j in table.alike(k, ORIENTATION.start, shown) for m, at in shown[j]]
         frame = int(table.orientation_frame[k])
-        ends = [Measurement(*(array[at.stop - 1 : at.stop] for array in measurements[m])) for m, at in own]
-        mean[k] = mean_quaternion(np.concatenate([relative_quaternions(end, frame) for end in ends]))
-        paths = [trajectory(Measurement(*(a[at] for a in measurements[m])), table, k, mean[k]) for m, at in own]
-        speeds = [_speed(measurements[m].position[at], demonstrations[m].dt) for m, at in own]
+        mean[k] = mean_quaternion(np.array([relative_quaternion(measurements[m], frame, t) for m, t in ends]))
+    paths = {
+        k: [trajectory(Measurement(*(a[at] for a in measurements[m])), table, k, mean[k]) for m, at in own]
+        for k, own in shown.items()
+    }
+    for k, own in shown.items():
+        speeds = [_speed(measurements[m].position[at], dt) for m, at in own]
         speed[k] = max(float(np.median(speeds)), SLOWEST)
         if table.space[k] == CYLINDRICAL:
-            _unwrap(paths)
-            goal[k, 0] = np.median([x[-1, 0] for x in paths])
+            _unwrap([x for j in table.alike(k, 1, shown) for x in paths[j]])
+            goal[k, 0] = np.median([x[-1, 0] for x in paths[k]])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
-            dead_band = DEAD_BAND[table.space[k], i]
-            goal[k, i] = attractor_goal([x[:, i] for x in paths], time, dead_band, (n_rest, REST_SHARE * dead_band))
+            rows = [k] if i >= HAND.start else table.alike(k, int(i), shown)
+            _check_shared(names, rows, [np.array([x[-1, i] for x in paths[j]]) for j in rows], APART[table.space[k], i])
+            goal[k, i] = _goal([[x[:, i] for x in paths[j]] for j in rows], time, DEAD_BAND[table.space[k], i], dt)
         if "hand_torque" in demonstrations[0].observations:
             torque = np.median([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own], axis=0)
             grip[k] = GRIP * np.sign(torque) * (np.abs(torque) > PRESSES) * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
             forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for m, at in own]
-            force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for x in paths])
+            force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for x in paths[k]])
     return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed)
+
+
+def _goal(groups: Sequence[Sequence[Array]], time: NormalisedTime, dead_band: float, dt: float) -> float:
+    """Goal of one coordinate from the segments (N,) of every row that shares it."""
+    rest = round(REST_TIME / dt) + 1, REST_SHARE * dead_band
+    weights = precisions([np.array([x[-1] for x in own]) for own in groups])
+    return attractor_goal([x for own in groups for x in own], time, dead_band, rest, weights)
+
+
+def _check_shared(names: Sequence[str], rows: Sequence[int], ends: Sequence[Array], apart: float) -> None:
+    middle = [float(np.median(own)) for own in ends]
+    for row, end in zip(rows[1:], middle[1:], strict=True):
+        if abs(end - middle[0]) > apart:
+            raise DemonstrationError(
+                f"'{names[rows[0]]}' and '{names[row]}' share a primitive in the primitive table, but end "
+                f"{abs(end - middle[0]):.2f} m or rad apart; primitives with different goals need different numbers"
+            )
+
+
+def precisions(ends: Sequence[Array]) -> Array:
+    """Weights (M,) of segments that share a goal, from how far the ends (M_j,) of each group scatter, in their order.
+
+    The inverse of a group's variance, in which the mean variance of all groups counts as one more segment: a careful
+    approach weighs more than a casual one to the same place, and one segment alone is neither.
+    """
+    squares = [float(((own - own.mean()) ** 2).sum()) for own in ends]
+    common = (sum(squares) + SMALLEST_SCATTER**2) / (sum(len(own) - 1 for own in ends) + 1)
+    return np.concatenate([np.full(len(own), len(own) / (s + common)) for own, s in zip(ends, squares, strict=True)])
 
 
 def _speed(position: Array, dt: float) -> float:

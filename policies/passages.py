@@ -124,6 +124,13 @@ class PassageData:
         }
         return {e for e, way in travel.items() if way >= 0.5 or way == max(travel.values())}
 
+    def alike(self, p: Passage, node: int) -> bool:
+        """Whether a passage performed the primitive of a node elsewhere in the graph, and went on to none of its exits'."""
+        labels = self.graph.labels
+        following = {labels[e] for e in self.graph.successors(node)}
+        elsewhere = p.node != node and labels[p.node] == labels[node]
+        return elsewhere and (p.exit == END or labels[p.exit] not in following)
+
     def stopped_early(self, p: Passage) -> bool:
         """Whether a passage missed a goal that most passages to its exit reached (rule 2)."""
         return any(not self._at_goal(p, entity) for entity in self.arrived(p.node, p.exit))

@@ -45,6 +45,9 @@ class Node(NamedTuple):
     """Stillness [s] after which the best exit is taken whatever the decision; infinite for never."""
 
 
+TABLE_ARRAYS = tuple(name for name in PrimitiveTable._fields if name != "frames")
+PRIMITIVE_ARRAYS = ("mean", "goal", "grip", "force", "speed")
+OBSERVED_ARRAYS = ("indices", "low", "high")
 NODE_ARRAYS = ("feature_primitives", "feature_columns", "gains", "sides", "targets", "dwell")
 
 
@@ -164,12 +167,9 @@ class SequenceGraphSkill(Skill):
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Graph, primitives and nodes."""
         p = self.primitives
-        arrays: dict[str, NDArray[Any]] = {
-            "position_frame": p.table.position_frame, "orientation_frame": p.table.orientation_frame,
-            "space": p.table.space, "modes": p.table.modes, "mean": p.mean, "goal": p.goal, "grip": p.grip, "force": p.force,
-            "speed": p.speed, "observed_indices": self.named.indices, "observed_low": self.named.low,
-            "observed_high": self.named.high,
-        }  # fmt: skip
+        arrays: dict[str, NDArray[Any]] = {name: getattr(p.table, name) for name in TABLE_ARRAYS}
+        arrays |= {name: getattr(p, name) for name in PRIMITIVE_ARRAYS}
+        arrays |= {f"observed_{name}": getattr(self.named, name) for name in OBSERVED_ARRAYS}
         described = []
         kinds = {cls: name for name, cls in DECISIONS.items()}
         for i, node in enumerate(self.nodes):
@@ -191,10 +191,10 @@ class SequenceGraphSkill(Skill):
     @classmethod
     def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
         """The skill that `to_arrays` described."""
-        plain = {name: arrays[name] for name in PrimitiveTable._fields if name != "frames"}
-        table = PrimitiveTable(**plain, frames=tuple(header["frames"]))
-        learned = [arrays[name] for name in ("mean", "goal", "grip", "force", "speed")]
-        primitives = MovementPrimitives(tuple(header["names"]), table, *learned)
+        table = PrimitiveTable(**{name: arrays[name] for name in TABLE_ARRAYS}, frames=tuple(header["frames"]))
+        primitives = MovementPrimitives(
+            tuple(header["names"]), table, **{name: arrays[name] for name in PRIMITIVE_ARRAYS}
+        )
         nodes = []
         for i, node in enumerate(header["nodes"]):
             prefix = f"node{i}_decision_"
@@ -204,8 +204,8 @@ class SequenceGraphSkill(Skill):
             patience = np.inf if node["patience"] is None else node["patience"]
             nodes.append(Node(tuple(node["features"]), decision=decision, patience=patience, **plain))
         graph, layout = SequenceGraph.from_dict(header["graph"]), ActionLayout.from_dict(header["layout"])
-        bounds = [arrays[f"observed_{name}"] for name in ("indices", "low", "high")]
-        named = NamedObservations(tuple(header["observations"]), *bounds)
+        bounds = {name: arrays[f"observed_{name}"] for name in OBSERVED_ARRAYS}
+        named = NamedObservations(tuple(header["observations"]), **bounds)
         return cls(graph, primitives, nodes, named, layout, header["dt"], **facts)
 
 

@@ -1,26 +1,18 @@
 """Training data of a node's classifier: features, samples, classes, weights (thesis 2.4).
 
-Beside the two rules of `passages.py`, three more keep accidents of a few demonstrations out of the decision:
-
-3. *Events.* An exit at which the world yielded, or that interrupted the movement when a named observation changed, waits for
-   that alone; any other exit waits for the entities that moved and arrived. Copies of the exit's samples say so, in which
-   the other features take the values that they had on the way to this exit (for an event, which may happen anywhere, those
-   that they had anywhere in this node). These virtual samples are the feature selection that 2.5.2 asks for: without them
-   a value that an entity happened to have in three demonstrations would become a condition.
-4. *Reaction.* A demonstrator reacts to an event after it happened: from the moment on from which its feature stays on the
-   other side of what it was elsewhere, the samples count for the successor.
-5. *Context.* Distances to the goals of successors and named observations depend on the setup. They enter only where a node
-   has several exits that what they wait for cannot tell apart, and as few of them as tell the exits apart
-   (`feature_selection.telling_features`). Whether to stay does not depend on the context: virtual samples say that, too.
+What each exit depends on is decided in `conditions.py`, rules 3 to 5. Copies of the exit's samples say so, in which all
+other features take the values that they had on the way to this exit (for an event, which may happen anywhere, those that
+they had anywhere in this node), and features of the context those of any demonstrated situation; whether to stay does not
+depend on the context either. These virtual samples are the feature selection that 2.5.2 asks for: without them a value that
+an entity happened to have in three demonstrations would become a condition.
 """
 
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.feature_selection import Event, separation, telling_event, telling_features
+from policies.conditions import Conditions, Seen, Waits
 from policies.features import goal_distances
 from policies.goal_distance import Feature, goal_distance_features, observed_features, whole_way_features
 from policies.passages import END, Passage, PassageData
@@ -29,8 +21,6 @@ Array = NDArray[np.float64]
 
 STAY = 0
 """Class of the samples on the way; class c > 0 is exit c - 1 of the node."""
-SEPARATED = 0.9
-"""|2 AUC - 1| from which on a feature tells two classes apart."""
 N_COPIES, N_COPIED = 25, 10
 """Virtual samples per copied sample, and copied samples per passage."""
 
@@ -51,27 +41,6 @@ class NodeData(NamedTuple):
     """Exit -> shortest rest before it, in samples; 0 where it was not observed."""
     goal_states: dict[int, Array]
     """Exit -> features (n,) at the goal that it waits for: the decision here must not be to stay."""
-
-
-class Seen(NamedTuple):
-    """One passage through a node, or into one of its exits, in terms of features."""
-
-    exit: int
-    demonstration: int
-    way: Array
-    """(N, n) before it had arrived, or before the event."""
-    go: Array
-    """(M, n) from then on; empty where the passage says nothing about its exit."""
-
-
-class Waits(NamedTuple):
-    """What an exit depends on, as indices of features."""
-
-    own: set[int]
-    """Goal distances or events that must have come true."""
-    context: set[int]
-    """What tells it from other exits that wait for the same."""
-    event: bool
 
 
 class TransitionData:
@@ -97,7 +66,8 @@ class TransitionData:
         if self.kind == "primitive" or node == 0 or not any(len(s.way) for s in seen):
             waits = {e: Waits(set(range(len(candidates))), set(), False) for e in exits}
         else:
-            waits, seen = self._waits(node, candidates, seen)
+            alike = [self._features(p, candidates) for p in self.data.passages if self.data.alike(p, node)]
+            waits, seen = Conditions(self.data, node, candidates, alike).find(seen)
         return self._samples(node, exits, candidates, seen, waits)
 
     def _candidates(self, node: int, exits: tuple[int, ...]) -> list[Feature]:
@@ -129,54 +99,18 @@ class TransitionData:
         ]
         return np.stack(columns, axis=1) if columns else np.empty((p.stop - p.start + 1, 0))
 
-    def _reached(self, node: int, exit_: int, feature: Feature) -> bool:
-        """Whether a feature is the distance of an entity whose goal the exit waits for."""
-        own = feature.primitive == self.data.graph.labels[node]
-        return own and feature.name in self.data.arrived(node, exit_)
-
-    def _waits(self, node: int, features: list[Feature], seen: list[Seen]) -> tuple[dict[int, Waits], list[Seen]]:
-        """What every exit depends on (rules 3 and 5), and the passages cut where their events happened (rule 4)."""
-        own = [i for i, f in enumerate(features) if f.primitive == self.data.graph.labels[node]]
-        moved, way = self.data.moved(node), np.concatenate([s.way for s in seen])
-        waits = {}
-        for e in dict.fromkeys(s.exit for s in seen if len(s.go)):
-            rows = np.concatenate([s.go for s in seen if s.exit == e])
-            yielded = {i for i in own if features[i].side != 0.0 and separation(rows[:, i], way[:, i]) >= SEPARATED}
-            reached = {i for i in own if self._reached(node, e, features[i]) and features[i].name in moved}
-            if not yielded and self.data.interrupted(node, e) and (event := self._event(node, features, seen, e)):
-                seen = [_cut(s, event) if s.exit == e else s for s in seen]
-                yielded = {event.feature}
-            waits[e] = Waits(yielded or reached or set(own), set(), bool(yielded))
-        for e, context in _context(features, seen, _confused(seen, waits), own).items():
-            waits[e] = waits[e]._replace(context=context)
-        return waits, seen
-
-    def _event(self, node: int, features: list[Feature], seen: list[Seen], exit_: int) -> Event | None:
-        """The named observation whose change ended the passages to an exit."""
-        labels = self.data.graph.labels
-        ended, others = (
-            [np.concatenate([s.way, s.go]) for s in seen if len(s.way) and (s.exit == exit_) == mine]
-            for mine in (True, False)
-        )
-        alike = [
-            self._features(p, features)
-            for p in self.data.passages
-            if p.node != node and labels[p.node] == labels[node] and (p.exit == END or labels[p.exit] != labels[exit_])
-        ]
-        possible = [i for i, feature in enumerate(features) if feature.column >= 0]
-        return telling_event(ended, others, alike, possible) if ended else None
-
     def _samples(
         self, node: int, exits: tuple[int, ...], features: list[Feature], seen: list[Seen], waits: dict[int, Waits]
     ) -> NodeData:
         used = sorted(set().union(*(w.own | w.context for w in waits.values())))
         context = sorted(set().union(*(w.context for w in waits.values())))
         situations = [s.go[-1:] for s in seen if len(s.go)]
+        conditions = Conditions(self.data, node, features)
         blocks = [(STAY, _virtual(s.way, context, situations)) for s in seen if len(s.way)]
         goal_states: dict[int, Array] = {}
         for e in waits:
             own = [s for s in seen if s.exit == e and len(s.go)]
-            at_goal = [i for i in waits[e].own if self._reached(node, e, features[i])]
+            at_goal = [i for i in waits[e].own if conditions.reached(e, i)]
             free = [i for i in used if i not in waits[e].own and i not in context]
             elsewhere = [i for i in context if i not in waits[e].own | waits[e].context]
             pool = [s.way for s in seen if waits[e].event or s.exit == e]
@@ -202,40 +136,8 @@ class TransitionData:
         )
 
 
-def _cut(passage: Seen, event: Event) -> Seen:
-    rows = np.concatenate([passage.way, passage.go])
-    at = min(event.onset(rows), len(passage.way))
-    return passage._replace(way=rows[:at], go=rows[at:])
-
-
-def _confused(seen: list[Seen], waits: dict[int, Waits]) -> list[int]:
-    """Exits that what they wait for does not tell from each other."""
-    at = {e: np.concatenate([s.go for s in seen if s.exit == e]) for e in waits}
-    pairs = [
-        (a, b)
-        for a, b in combinations(waits, 2)
-        if max(separation(at[a][:, i], at[b][:, i]) for i in waits[a].own | waits[b].own) < SEPARATED
-    ]
-    return sorted({e for pair in pairs for e in pair})
-
-
-def _context(features: list[Feature], seen: list[Seen], exits: list[int], own: list[int]) -> dict[int, set[int]]:
-    """For each of the exits that wait for the same, the features that tell it from the others."""
-    passages = [s for s in seen if s.exit in exits and len(s.go)]
-    if not passages:
-        return {}
-    observed = [i for i, feature in enumerate(features) if feature.column >= 0]
-    needed = telling_features(
-        np.array([s.go.mean(axis=0) for s in passages]),
-        np.array([s.exit for s in passages]),
-        np.array([s.demonstration for s in passages]),
-        stages=(observed, [i for i in range(len(features)) if i not in own and i not in observed]),
-    )
-    return {e: set(chosen) for e, chosen in needed.items()}
-
-
 def _virtual(rows: Array, free: list[int], pool: list[Array]) -> Array:
-    """Copies of samples in which the free features take values of the pool's passages (rules 3 and 5)."""
+    """Copies of samples in which the free features take values of the pool's passages ."""
     pool = [values for values in pool if len(values)]
     if not free or not pool:
         return rows

@@ -33,22 +33,27 @@ P, H, F = ("position",) * 3, ("hold",) * 3, ("position", "position", "force")
 REACH, CLOSE, TWIST, RELEASE, TURN_BACK, CARRY = range(6)
 
 
-def _row(name: str, position: tuple[str, tuple[str, ...]], orientation: tuple[str, ...], hand: str) -> Primitive:
+def _row(
+    name: str,
+    position: tuple[int, str, tuple[str, ...]],
+    orientation: tuple[int, tuple[str, ...]],
+    hand: tuple[int, str],
+) -> Primitive:
     return Primitive(
         name,
-        EntityControl(0, position[0], "cartesian", position[1]),
-        EntityControl(0, "world", "rotation", orientation),
-        EntityControl(0, "world", "joints", (hand,) * 4),
+        EntityControl(position[0], position[1], "cartesian", position[2]),
+        EntityControl(orientation[0], "world", "rotation", orientation[1]),
+        EntityControl(hand[0], "world", "joints", (hand[1],) * 4),
     )
 
 
 PRIMITIVES = (
-    _row("reach", ("lid", P), P, "position"),
-    _row("close", ("lid", H), H, "position"),
-    _row("twist", ("lid", F), P, "position"),
-    _row("release", ("lid", H), H, "position"),
-    _row("turn back", ("lid", H), P, "position"),
-    _row("carry", ("bin", P), H, "hold"),
+    _row("reach", (0, "lid", P), (0, P), (0, "position")),
+    _row("close", (0, "lid", H), (0, H), (1, "position")),
+    _row("twist", (0, "lid", F), (1, P), (1, "position")),
+    _row("release", (0, "lid", H), (1, H), (0, "position")),
+    _row("turn back", (0, "lid", H), (0, P), (0, "position")),
+    _row("carry", (1, "bin", P), (1, H), (1, "hold")),
 )
 
 
