@@ -108,7 +108,7 @@ class WhiteboardEnv(ManipulationEnv):
         self._friction = model.geom_friction[model.geom("pen/pen_point").id, 0:1]
         self.vary(self._friction)
         memories = self._hidden.reshape(len(self.frames), ink.WORDS)
-        self._ink = [ink.Ink(strokes, memory) for strokes, memory in zip(self._strokes, memories, strict=True)]
+        self.boards = [ink.Ink(strokes, memory) for strokes, memory in zip(self._strokes, memories, strict=True)]
         first = model.body(self.frames[0]).id
         self._origins, self._axes = data.xpos[first : first + 2], data.xmat[first : first + 2]
         self._tip = data.site("pen/tool").xpos
@@ -151,7 +151,7 @@ class WhiteboardEnv(ManipulationEnv):
 
     def after_physics(self) -> None:
         """Read what is written, and see whether the pen is off."""
-        self._tallies = [board.tally() for board in self._ink]
+        self._tallies = [board.tally() for board in self.boards]
         self._total = self._tallies[0] + self._tallies[1]
         self._lifted = self._clearance() > LIFTED + TIP_RADIUS
 
@@ -177,7 +177,7 @@ class WhiteboardEnv(ManipulationEnv):
 
     def decorate(self, scene: mujoco.MjvScene) -> None:
         """Draw the wanted strokes, pale, and the ink."""
-        for i, board in enumerate(self._ink):
+        for i, board in enumerate(self.boards):
             axes, origin = self._axes[i].reshape(3, 3), self._origins[i]
             for stroke in self._strokes[i]:
                 corners = origin + np.pad(stroke, ((0, 0), (0, 1)), constant_values=0.0002) @ axes.T

@@ -13,4 +13,5 @@ EXPERIMENTS: dict[str, str] = {
     "graphs": "lfd_gym.experiments.graphs:run",
     "classifiers": "lfd_gym.experiments.classifiers:run",
     "grasping": "lfd_gym.experiments.grasping:run",
+    "writing": "lfd_gym.experiments.writing:run",
 }
