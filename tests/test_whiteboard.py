@@ -40,7 +40,7 @@ def draw(env, force, control_steps=60):
         env.step(over(env, 0, -0.02, 0.0, 0.005, force))
     for s in np.linspace(0.0, 1.0, control_steps):
         env.step(over(env, 0, -0.02 + 0.04 * s, 0.0, 0.005, force))
-    return env._ink[0].points()
+    return env.boards[0].points()
 
 
 @pytest.fixture

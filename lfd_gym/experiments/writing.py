@@ -60,7 +60,9 @@ def write(env: Any, policy: Any, seed: int) -> Written:
         info = step.info
     world = env.unwrapped
     measures = world.measures()
-    off = np.concatenate([distances(board.points(), word) for board, word in zip(world.boards, world.words, strict=True)])
+    off = np.concatenate(
+        [distances(board.points(), word) for board, word in zip(world.boards, world.words, strict=True)]
+    )
     return Written(
         seed,
         bool(info["is_success"]),
