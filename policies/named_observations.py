@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfd_gym.errors import UnknownNameError
+from lfd_gym.errors import DemonstrationError, UnknownNameError
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,8 @@ def named_observations(
 ) -> NamedObservations:
     """All components of the named observations that vary; names None: of every observation that is not a pose.
 
-    Raises UnknownNameError for a name that was not observed, or that is a pose.
+    Raises UnknownNameError for a name that was not observed, or that is a pose, and DemonstrationError for values that are
+    not finite.
     """
     possible = sorted(name for name in demonstrated[0] if not name.startswith(POSES))
     keys, indices, low, high = [], [], [], []
@@ -64,6 +65,10 @@ def named_observations(
         if name not in possible:
             raise UnknownNameError("observation for features", name, possible)
         values = np.concatenate([observations[name] for observations in demonstrated])
+        if not np.isfinite(values).all():
+            raise DemonstrationError(
+                f"the observation '{name}' is not finite; repeat the demonstration, or leave it out"
+            )
         for i in np.flatnonzero(np.ptp(values, axis=0) > SMALLEST_RANGE):
             keys.append(name)
             indices.append(i)
