@@ -42,7 +42,9 @@ class NamedObservations(NamedTuple):
     def scaled(self, observations: Mapping[str, NDArray[Any]]) -> Array:
         """Features (..., D) in [0, 1] of observations (..., d) by name."""
         columns = [observations[key][..., i] for key, i in zip(self.keys, self.indices, strict=True)]
-        values = np.stack(columns, axis=-1) if columns else np.empty((0,))
+        if not columns:
+            return np.empty((*np.shape(next(iter(observations.values())))[:-1], 0))
+        values = np.stack(columns, axis=-1)
         return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
 
     def only(self, columns: Sequence[int]) -> "NamedObservations":

@@ -17,6 +17,7 @@ from policies.learner import Learner
 from policies.movement_primitives import learn_primitives
 from policies.named_observations import named_observations
 from policies.node_learner import NodeLearner
+from policies.object_motion import motion_observations
 from policies.outliers import find_outliers
 from policies.passages import PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
@@ -42,7 +43,7 @@ class SequenceGraphLearner(Learner):
         feature: "entity", one goal distance per entity and side of a force axis, chosen per node; or "primitive", the
             thesis's one scalar per primitive, of the node and all its successors.
         observations: names of the observations that may be features beside goal distances (2.5.3), see
-            `named_observations`; None: all that are not poses. With feature="entity" a node looks at few of them, where it
+            `named_observations` and `object_motion`; None: all that are not poses. With feature="entity" a node looks at few of them, where it
             has to (see `transition_data`); with "primitive" at all that are named.
         time: normalised time of goal learning, "squared" as printed in (2.4), "arclength" or "real".
         fold: whether repetitions become cycles (2.3.2).
@@ -88,9 +89,12 @@ class SequenceGraphLearner(Learner):
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
         graph = self._sequence_graph(labels)
         wanted = () if self.observations is None and self.feature == "primitive" else self.observations
-        named = named_observations([demonstration.observations for demonstration in demonstrations], wanted)
-        observed = [named.scaled(demonstration.observations) for demonstration in demonstrations]
-        data = PassageData(graph, primitives, measurements, labels, named, observed)
+        seen = [
+            {**demonstration.observations, **motion_observations(measured, demonstration.labels, table.frames)}
+            for demonstration, measured in zip(demonstrations, measurements, strict=True)
+        ]
+        named = named_observations(seen, wanted)
+        data = PassageData(graph, primitives, measurements, labels, named, [named.scaled(values) for values in seen])
         transitions = TransitionData(data, self.feature)
         settings: dict[str, Any] = {"C": self.C} | ({"kernel": self.kernel} if self.classifier == "svm" else {})
         node_learner = NodeLearner(

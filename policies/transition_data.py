@@ -100,8 +100,9 @@ class TransitionData:
         return result
 
     def _features(self, p: Passage, features: list[Feature]) -> Array:
+        observed = self.data.observed(p)
         columns = [
-            self.data.observed[p.demonstration][p.start : p.stop + 1, f.column]
+            observed[:, f.column]
             if f.column >= 0
             else goal_distances(self.data.deviations(p, f.primitive), f.gain, f.side)
             for f in features

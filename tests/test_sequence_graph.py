@@ -131,6 +131,16 @@ def test_separate_branches_stay_separate():
     assert not graph.accepts(labels("ABCDCD"))
 
 
+def test_demonstrations_that_end_alike_end_in_the_same_node():
+    """So what one of them shows there, an error recovery, is known to all."""
+    graph = global_graph([labels("ABXL"), labels("ACXL"), labels("ACXLACXL")])
+    assert graph.labels.count(ord("L")) == 1
+    assert graph.labels.count(ord("X")) == 2
+    assert graph.accepts(labels("ABXLACXL"))
+    by_inputs = global_graph([labels("ABXL"), labels("ACXL")], match="inputs")
+    assert by_inputs.labels.count(ord("L")) == 2
+
+
 def test_equal_inputs_are_the_rule_of_the_thesis():
     """Where one demonstration has no cycle it keeps two nodes B after A, which no feature can tell apart."""
     demonstrations = [labels("ABCBCBD"), labels("ABD")]
