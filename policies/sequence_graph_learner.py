@@ -43,8 +43,8 @@ class SequenceGraphLearner(Learner):
         feature: "entity", one goal distance per entity and side of a force axis, chosen per node; or "primitive", the
             thesis's one scalar per primitive, of the node and all its successors.
         observations: names of the observations that may be features beside goal distances (2.5.3), see
-            `named_observations` and `object_motion`; None: all that are not poses. With feature="entity" a node looks at few of them, where it
-            has to (see `transition_data`); with "primitive" at all that are named.
+            `named_observations` and `object_motion`; None: all that are not poses. With feature="entity" a node looks at few
+            of them, where it has to (see `transition_data`); with "primitive" at all that are named.
         time: normalised time of goal learning, "squared" as printed in (2.4), "arclength" or "real".
         fold: whether repetitions become cycles (2.3.2).
         match: how folded graphs are merged, see `sequence_graph.merge`.

@@ -47,4 +47,4 @@ def test_what_moves_with_the_hand_does_not_move_in_it():
     carried[:, :3] += [0.5, -0.2, 0.1]
     moved = tool_in_frames(np.array([0.6, 0.0, 0.4]), carried)
     assert motions(moved, place) == pytest.approx(np.zeros(3), abs=1e-12)
-    assert motions(moved + [0.0, 0.03, 0.0], place) == pytest.approx(np.full(3, 0.03))
+    assert motions(moved + np.array([0.0, 0.03, 0.0]), place) == pytest.approx(np.full(3, 0.03))
