@@ -10,7 +10,7 @@ from kinematic_world import PRIMITIVES, teach
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.segmentation import ENTITIES, segment, smooth
-from policies.decomposition.task_spaces import compressed, entity_segments, nearest_rotation
+from policies.decomposition.task_spaces import entity_segments, nearest_rotation, pressing
 
 TURN, SHIFT = quaternion.from_rotation_vector(np.array([0.0, 0.0, 1.1])), np.array([0.1, -0.2, 0.05])
 
@@ -92,12 +92,16 @@ def test_a_circle_about_an_axis_is_straight_in_the_cylindrical_space(shown: list
     assert abs(view.log_jacobian) < 1e-3
 
 
-def test_smoothing_keeps_lines_and_forces_keep_their_direction() -> None:
+def test_smoothing_keeps_lines() -> None:
     line = np.outer(np.arange(50.0), [1.0, -2.0])
     np.testing.assert_allclose(smooth(line, 9)[10:40], line[10:40])
+
+
+def test_pressing_harder_is_pressing_the_same_way() -> None:
     force = np.array([3.0, -4.0, 12.0])
-    np.testing.assert_allclose(compressed(force), force / 13.0 * np.arcsinh(13.0 / 3.0))
-    assert np.all(compressed(np.zeros(3)) == 0.0)
+    np.testing.assert_allclose(pressing(force), force / 13.0)
+    np.testing.assert_allclose(pressing(0.5 * force), force / 13.0)
+    assert np.all(pressing(0.1 * force) == 0.0)
 
 
 def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:

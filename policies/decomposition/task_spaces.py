@@ -27,9 +27,8 @@ END_SAMPLES = 8
 """The end of a segment is the mean of so many samples, at rest."""
 LEVEL_SHARE = 1.0 / 3.0
 """The force of a segment is the median of this last share of it: what was pressed when the movement had arrived."""
-FORCE_UNIT = 3.0
-"""[N]: forces count as F/|F| asinh(|F| / this), so that 5 and 15 N are much alike."""
-
+FREE, PRESSED = 2.0, 5.0
+"""[N]: a force below the former is none, from the latter on only its direction counts."""
 SMALLEST_RADIUS = 0.05
 """[m]: nearer to its axis a cylindrical space says little."""
 
@@ -59,7 +58,7 @@ class View(NamedTuple):
     end: Array
     """(d,) mean of the last samples."""
     force_level: Array
-    """(3,) median force at the end, as `compressed`."""
+    """(3,) median force of the last part, along the coordinates of a position [N]."""
     log_jacobian: float
     """log |dx / d(Cartesian)| at the end; 0 but for cylindrical spaces."""
 
@@ -116,10 +115,13 @@ def entity_segments(demonstrations: Sequence[Demonstration], entity: str) -> Ent
     return EntitySegments(entity, tuple(parts), tuple(spaces), views, float(demonstrations[0].dt))
 
 
-def compressed(force: Array) -> Array:
-    """F/|F| asinh(|F| / `FORCE_UNIT`) of forces (..., 3) [N]."""
+def pressing(force: Array) -> Array:
+    """Direction of forces (..., 3) [N] that press: a vector of length 0 below `FREE` and 1 above `PRESSED`.
+
+    How hard a human presses varies by a factor of three, and what a held object weighs is no pressing.
+    """
     strength = np.linalg.norm(force, axis=-1, keepdims=True)
-    result: Array = force * (np.arcsinh(strength / FORCE_UNIT) / np.maximum(strength, 1e-12))
+    result: Array = force / np.maximum(strength, 1e-12) * np.clip((strength - FREE) / (PRESSED - FREE), 0.0, 1.0)
     return result
 
 
@@ -161,7 +163,7 @@ def _view(x: Array, force: Array, part: Segment, space: TaskSpace, dt: float) ->
     if space.space == "rotation":
         end = nearest_rotation(end.reshape(3, 3)).ravel()
     last = pressed[-max(round(LEVEL_SHARE * len(pressed)), 1) :]
-    return View(samples, velocities, pressed, samples[0], end, compressed(np.median(last, axis=0)), log_jacobian)
+    return View(samples, velocities, pressed, samples[0], end, np.median(last, axis=0), log_jacobian)
 
 
 def nearest_rotation(matrix: Array) -> Array:
