@@ -10,7 +10,7 @@ from kinematic_world import PRIMITIVES, teach
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.segmentation import ENTITIES, segment, smooth
-from policies.decomposition.task_spaces import entity_segments, nearest_rotation, pressing
+from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing
 
 TURN, SHIFT = quaternion.from_rotation_vector(np.array([0.0, 0.0, 1.1])), np.array([0.1, -0.2, 0.05])
 
@@ -99,8 +99,8 @@ def test_smoothing_keeps_lines() -> None:
 
 def test_pressing_harder_is_pressing_the_same_way() -> None:
     force = np.array([3.0, -4.0, 12.0])
-    np.testing.assert_allclose(pressing(force), force / 13.0)
-    np.testing.assert_allclose(pressing(0.5 * force), force / 13.0)
+    np.testing.assert_allclose(pressing(force), [1.0, *(DIRECTION * force / 13.0)])
+    np.testing.assert_allclose(pressing(0.5 * force), pressing(force))
     assert np.all(pressing(0.1 * force) == 0.0)
 
 

@@ -25,16 +25,16 @@ BEGIN = {"position": 0.03, "orientation": 0.30, "hand": 0.30}
 """Speed [m/s], [rad/s] above which a motion has begun."""
 END_SHARE = 0.5
 """A motion has ended below this share of the speed at which one begins."""
-SMALLEST = {"position": 0.008, "orientation": 0.09, "hand": 0.12}
+SMALLEST = {"position": 0.008, "orientation": 0.09, "hand": 0.20}
 """A motion that leads nowhere farther than this [m], [rad] is a jolt, not a movement."""
+SHORTEST_REST = 0.2
+"""A slower moment shorter than this [s], after which the motion goes on in much the same direction, is no rest."""
 CONTACT, CONTACT_LOST = 3.0, 1.5
 """Force [N] above which there is contact, and below which it is lost."""
 PRESSED = 5.0
 """A contact whose force never comes to this [N] says nothing: force is chosen from here on (thesis 3.5)."""
 SETTLING = 0.4
-"""A contact change so short [s] after the onset of a motion is part of it."""
-LEAD = 0.8
-"""A contact change so short [s] before the onset of a motion is where the movement begins."""
+"""A contact change so short [s] after the onset of a motion is part of it; so short before, it is where the movement begins."""
 
 
 class Segment(NamedTuple):
@@ -45,8 +45,13 @@ class Segment(NamedTuple):
     """First sample."""
     stop: int
     """First sample of the next segment, or the last sample of the demonstration: both ends belong to the movement."""
-    moves: bool
-    """Whether there is a motion in it."""
+    rest: int
+    """First sample after its last motion; its start if there is none."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether there is a motion in it."""
+        return self.rest > self.start
 
 
 class Signals(NamedTuple):
@@ -54,8 +59,10 @@ class Signals(NamedTuple):
 
     values: Array
     """(T + 1, d) smoothed position [m], orientation (quaternion, not smoothed) or joint angles [rad]."""
+    velocity: Array
+    """(T + 1, d) [m/s] or [rad/s]; of an orientation (T + 1, 3), world axes."""
     speed: Array
-    """(T + 1,) [m/s] or [rad/s]."""
+    """(T + 1,) [m/s] or [rad/s]; of a hand that of the fastest joint."""
     force: Array
     """(T + 1, 3) smoothed force of the tool on the world, world frame [N]; zeros for orientation and hand."""
 
@@ -65,9 +72,11 @@ def segment(demonstrations: Sequence[Demonstration], entity: str) -> list[Segmen
     found = []
     for m, demonstration in enumerate(demonstrations):
         observed = signals(demonstration, entity)
-        cuts, moves = _cuts(observed, entity, float(demonstration.dt))
-        stops = [*cuts[1:], len(observed.speed) - 1]
-        found += [Segment(m, *part) for part in zip(cuts, stops, moves, strict=True)]
+        moving = motions(observed, entity, float(demonstration.dt))
+        cuts = _cuts(observed, moving, float(demonstration.dt))
+        for start, stop in zip(cuts, [*cuts[1:], len(observed.speed) - 1], strict=True):
+            ends = [end for onset, end in moving if start <= onset < stop]
+            found.append(Segment(m, start, stop, min(max(ends, default=start), stop)))
     return found
 
 
@@ -80,14 +89,16 @@ def signals(demonstration: Demonstration, entity: str) -> Signals:
         values = np.array(observations["tool_quaternion"])
         turned = np.array([_rotation(a, b) for a, b in itertools.pairwise(values)])
         rates = smooth(np.vstack([turned, turned[-1:]]) / dt, MOTION_WINDOW / dt)
-        return Signals(values, np.linalg.norm(rates, axis=1), force)
+        return Signals(values, rates, np.linalg.norm(rates, axis=1), force)
     if entity == "position":
         values = smooth(observations["tool_position"], MOTION_WINDOW / dt)
         if "wrench" in observations:
             force = smooth(-observations["wrench"][:, :3], FORCE_WINDOW / dt)
-        return Signals(values, np.linalg.norm(np.gradient(values, dt, axis=0), axis=1), force)
+        velocity = np.gradient(values, dt, axis=0)
+        return Signals(values, velocity, np.linalg.norm(velocity, axis=1), force)
     values = smooth(observations.get("hand_position", np.zeros((n, 1))), MOTION_WINDOW / dt)
-    return Signals(values, np.abs(np.gradient(values, dt, axis=0)).max(axis=1), force)
+    velocity = np.gradient(values, dt, axis=0)
+    return Signals(values, velocity, np.abs(velocity).max(axis=1), force)
 
 
 def smooth(rows: Array, window: float) -> Array:
@@ -98,10 +109,19 @@ def smooth(rows: Array, window: float) -> Array:
     return result
 
 
-def motions(observed: Signals, entity: str) -> list[tuple[int, int]]:
-    """Motions (first, one past the last sample): speed hysteresis, without jolts."""
-    parts = _above(observed.speed, BEGIN[entity], END_SHARE * BEGIN[entity])
+def motions(observed: Signals, entity: str, dt: float) -> list[tuple[int, int]]:
+    """Motions (first, one past the last sample): speed hysteresis, without jolts and slow moments."""
+    parts: list[tuple[int, int]] = []
+    for start, stop in _above(observed.speed, BEGIN[entity], END_SHARE * BEGIN[entity]):
+        if parts and (start - parts[-1][1]) * dt < SHORTEST_REST and _goes_on(observed, parts[-1], (start, stop)):
+            start = parts.pop()[0]
+        parts.append((start, stop))
     return [part for part in parts if _way(observed.values[slice(*part)], entity) >= SMALLEST[entity]]
+
+
+def _goes_on(observed: Signals, before: tuple[int, int], after: tuple[int, int]) -> bool:
+    way, next_way = observed.velocity[slice(*before)].sum(axis=0), observed.velocity[slice(*after)].sum(axis=0)
+    return bool(way @ next_way > 0.0)
 
 
 def contacts(observed: Signals) -> list[tuple[int, int]]:
@@ -110,21 +130,41 @@ def contacts(observed: Signals) -> list[tuple[int, int]]:
     return [part for part in _above(strength, CONTACT, CONTACT_LOST) if strength[slice(*part)].max() >= PRESSED]
 
 
-def _cuts(observed: Signals, entity: str, dt: float) -> tuple[list[int], list[bool]]:
-    moving, n = motions(observed, entity), len(observed.speed)
-    onsets = [start for start, _ in moving]
-    changes = sorted({at for part in contacts(observed) for at in part if 0 < at < n - 1})
-    in_rest = [
-        at for at in changes if not any(start <= at < max(stop, start + round(SETTLING / dt)) for start, stop in moving)
-    ]
-    lead = round(LEAD / dt)
-    led = {onset for onset in onsets if any(onset - lead <= at < onset for at in in_rest)}
-    cuts = sorted({*in_rest, *(onset for onset in onsets if onset not in led)})
-    if cuts and cuts[0] <= lead:
+def interrupted(demonstrations: Sequence[Demonstration], parts: Sequence[Segment]) -> NDArray[np.bool_]:
+    """Per segment whether a contact was lost while the entity moved: something happened before it was at its goal."""
+    result = np.zeros(len(parts), dtype=bool)
+    for m, demonstration in enumerate(demonstrations):
+        dt = float(demonstration.dt)
+        settling = round(SETTLING / dt)
+        lost = [stop for _, stop in contacts(signals(demonstration, "position"))]
+        for i, part in enumerate(parts):
+            if part.demonstration == m and part.moves:
+                result[i] = any(part.start + settling <= at <= part.rest + settling for at in lost)
+    return result
+
+
+def _cuts(observed: Signals, moving: Sequence[tuple[int, int]], dt: float) -> list[int]:
+    n = len(observed.speed)
+    onsets, touching = [start for start, _ in moving], contacts(observed)
+    settling = round(SETTLING / dt)
+    in_rest = sorted(
+        at
+        for at in {at for part in touching for at in part if 0 < at < n - 1}
+        if not any(start <= at < max(stop, start + settling) for start, stop in moving)
+    )
+    begun = {onset: _begun(onset, in_rest, touching, settling) for onset in onsets}
+    cuts = sorted({*in_rest, *(onset for onset in onsets if begun[onset] == onset)})
+    if cuts and cuts[0] <= settling:
         cuts = cuts[1:]
-    cuts = [0, *(at for at in cuts if at < n - 1)]
-    moves = [any(a <= start < b for start in onsets) for a, b in zip(cuts, [*cuts[1:], n], strict=True)]
-    return cuts, moves
+    return [0, *(at for at in cuts if at < n - 1)]
+
+
+def _begun(onset: int, changes: Sequence[int], touching: Sequence[tuple[int, int]], settling: int) -> int:
+    """Where the movement with this onset begins: at the last contact change before it, if that is just before or if it made
+    a contact that lasts into the motion."""
+    last = max((at for at in changes if at < onset), default=0)
+    lasts = any(start == last and stop > onset + settling for start, stop in touching)
+    return last if last and (lasts or onset - last <= settling) else onset
 
 
 def _above(values: Array, begin: float, end: float) -> list[tuple[int, int]]:

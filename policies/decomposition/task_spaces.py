@@ -29,6 +29,8 @@ LEVEL_SHARE = 1.0 / 3.0
 """The force of a segment is the median of this last share of it: what was pressed when the movement had arrived."""
 FREE, PRESSED = 2.0, 5.0
 """[N]: a force below the former is none, from the latter on only its direction counts."""
+DIRECTION = 0.3
+"""How much the direction of a force counts, against whether there is one."""
 SMALLEST_RADIUS = 0.05
 """[m]: nearer to its axis a cylindrical space says little."""
 
@@ -56,7 +58,7 @@ class View(NamedTuple):
     start: Array
     """(d,) first sample."""
     end: Array
-    """(d,) mean of the last samples."""
+    """(d,) mean of the last samples; of a hand the first ones after it moved: what it holds may still give way."""
     force_level: Array
     """(3,) median force of the last part, along the coordinates of a position [N]."""
     log_jacobian: float
@@ -116,13 +118,14 @@ def entity_segments(demonstrations: Sequence[Demonstration], entity: str) -> Ent
 
 
 def pressing(force: Array) -> Array:
-    """Direction of forces (..., 3) [N] that press: a vector of length 0 below `FREE` and 1 above `PRESSED`.
+    """Whether and where forces (..., 3) [N] press: (..., 4), how surely, and that share of `DIRECTION` times the direction.
 
-    How hard a human presses varies by a factor of three, and what a held object weighs is no pressing.
+    Nothing below `FREE`, surely above `PRESSED`: how hard a human presses varies by a factor of three, and what a held object
+    weighs is no pressing. The direction counts less, for what is meant comes with forces sideways.
     """
     strength = np.linalg.norm(force, axis=-1, keepdims=True)
-    result: Array = force / np.maximum(strength, 1e-12) * np.clip((strength - FREE) / (PRESSED - FREE), 0.0, 1.0)
-    return result
+    surely = np.clip((strength - FREE) / (PRESSED - FREE), 0.0, 1.0)
+    return np.concatenate([surely, DIRECTION * surely * force / np.maximum(strength, 1e-12)], axis=-1)
 
 
 def _coordinates(demonstration: Demonstration, entity: str, space: TaskSpace) -> tuple[Array, Array]:
@@ -160,6 +163,8 @@ def _view(x: Array, force: Array, part: Segment, space: TaskSpace, dt: float) ->
     else:
         velocities = np.gradient(samples, dt, axis=0) if len(samples) > 1 else np.zeros_like(samples)
     end = samples[-END_SAMPLES:].mean(axis=0)
+    if space.space == "joints" and part.moves:
+        end = samples[part.rest - part.start :][:END_SAMPLES].mean(axis=0)
     if space.space == "rotation":
         end = nearest_rotation(end.reshape(3, 3)).ravel()
     last = pressed[-max(round(LEVEL_SHARE * len(pressed)), 1) :]
