@@ -36,7 +36,7 @@ def decompose_entity(
     demonstrations: Sequence[Demonstration], data: EntitySegments, hints: Array | None = None
 ) -> EntityDecomposition:
     """One entity; hints (L, F) as in `observe`."""
-    observed = observe(data, hints, interrupted(demonstrations, data.segments))
+    observed = observe(data, hints, interrupted(demonstrations, data.entity, data.segments))
     best, objective, _ = search(observed)
     posterior = _posterior(objective.evidence, objective, best)
     spaces = np.array([space.number for space in observed.spaces])

@@ -1,4 +1,4 @@
-"""How well a segment that did not end at its goal fits a primitive: stopped early, pausing inside, pressing by accident.
+"""How well a segment fits a primitive that did not simply end at its goal.
 
 With eps the prior probabilities of the kinds, mu and v a primitive's predictive mean and variance in its most probable space, s
 and e start and end of a segment, u the direction in which it arrives and m = u (mu - e) what remains:
@@ -11,7 +11,9 @@ and e start and end of a segment, u the direction in which it arrives and m = u 
     accident        log eps_A + log N(e; mu, v) of the pose, whatever the force: log 1/V of the forces; only of a primitive
                     that does not press
 
-The forces of the first two are N(e; mu, v). Of an orientation, mu - e is the rotation vector from the end to the goal.
+    loose           log eps_L + log N(e; mu, v + w^2): a movement less careful than the others to the same goal
+
+The forces of all but the third are N(e; mu, v). Of an orientation, mu - e is the rotation vector from the end to the goal.
 """
 
 import numpy as np
@@ -20,25 +22,27 @@ from scipy.special import log_ndtr, ndtr
 
 from policies.decomposition.evidence import Predictive
 from policies.decomposition.observed import FORCE, FORCE_LOG_VOLUME, UNIT, Observed, rotation_vectors
-from policies.decomposition.result import ACCIDENT, PAUSE, STOPPED
+from policies.decomposition.result import ACCIDENT, LOOSE, PAUSE, STOPPED
 from policies.decomposition.task_spaces import nearest_rotation
 
 Array = NDArray[np.float64]
 
 DRIFT = 0.08
 """kappa: how far a movement strays sideways, per way."""
+CARELESS = 1.5
+"""w: how far a careless movement ends from its goal, in units."""
 LEFT = 2.0
 """A movement that pauses leads farther than this, in units."""
 
 
 def incomplete_scores(observed: Observed, predictive: Predictive, rows: NDArray[np.int64]) -> Array:
-    """(rows, K, 4) log-density of segments under every primitive by kind, eps included; `COMPLETE` is left out."""
+    """(rows, K, 5) log-density of segments under every primitive by kind, eps included; `COMPLETE` is left out."""
     at = rows[:, None], predictive.space
     part, d = observed.groups[0].part, observed.groups[0].dimensions[predictive.space]
     v, goal = predictive.variance[:, 0], predictive.mean[:, part]
     to_goal, way, gone = _ways(observed, observed.starts[at], observed.ends[at][..., part], goal)
     force, at_goal = np.zeros(to_goal.shape[:2]), _normal(to_goal, v, d)
-    result = np.full((*to_goal.shape[:2], 4), -np.inf)
+    result = np.full((*to_goal.shape[:2], 5), -np.inf)
     if len(observed.groups) > 1:
         free = predictive.mean[:, FORCE.start] < 0.5
         force = _normal(observed.ends[at][..., FORCE] - predictive.mean[:, FORCE], predictive.variance[:, 1], 4)
@@ -54,6 +58,7 @@ def incomplete_scores(observed: Observed, predictive: Predictive, rows: NDArray[
         + log_ndtr((remains - v / tau) / np.sqrt(v))
     )
     result[..., PAUSE] = force + _passed(way, gone, v, d)
+    result[..., LOOSE] = force + _normal(to_goal, v + CARELESS**2, d)
     return np.asarray(result + observed.constants[at][..., None] + observed.log_shares[rows, None])
 
 

@@ -61,7 +61,7 @@ class Objective:
         return Statistics(*(np.tensordot(member, array, axes=1) for array in self.evidence.single))
 
     def scores(self, sets: Statistics, rows: Integers) -> Array:
-        """(rows, K, 4) of segments as incomplete ones."""
+        """(rows, K, 5) of segments as incomplete ones."""
         return incomplete_scores(self.observed, self.evidence.predictive(sets), rows)
 
     def _again(self, z: Integers, kind: Integers) -> NDArray[np.bool_]:

@@ -27,8 +27,8 @@ FORCE_LOG_VOLUME = float(np.log(4.0 / 3.0 * np.pi * DIRECTION**3))
 """log V of what `pressing` may be."""
 REMAINS, REMAINS_INTERRUPTED = 1.5, 20.0
 """tau: mean way that remains where a movement was stopped early, in units; and where something happened to it."""
-SHARES, SHARES_INTERRUPTED = (0.80, 0.08, 0.08, 0.04), (0.05, 0.85, 0.05, 0.05)
-"""Prior probabilities of the kinds of segments, complete, stopped, pause, accident; and where something happened to them."""
+SHARES, SHARES_INTERRUPTED = (0.74, 0.08, 0.08, 0.04, 0.06), (0.05, 0.80, 0.05, 0.05, 0.05)
+"""Prior probabilities of the kinds of segments, in their order in `result`; and where something happened to them."""
 SHORT = 1.2
 """A segment that leads less far is still the arrival of the one before."""
 CARRIED, FAR = 0.15, 3.0
@@ -89,7 +89,7 @@ class Observed(NamedTuple):
     remains: Array
     """(L,) tau, see `incomplete`."""
     log_shares: Array
-    """(L, 4) log prior of the kinds."""
+    """(L, 5) log prior of the kinds."""
     rotation: bool
     """Whether the pose is an orientation: the 9 numbers of a rotation matrix, so scaled that distances are units."""
     prior: Array

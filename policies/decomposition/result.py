@@ -10,8 +10,8 @@ from policies.decomposition.task_spaces import EntitySegments, TaskSpace
 
 Array = NDArray[np.float64]
 
-COMPLETE, STOPPED, PAUSE, ACCIDENT = range(4)
-"""Kinds of segments: at the goal; stopped early; pause inside a movement; at the goal, pressing by accident."""
+COMPLETE, STOPPED, PAUSE, ACCIDENT, LOOSE = range(5)
+"""Kinds of segments: at the goal; stopped early; pause inside a movement; at the goal, pressing by accident; near the goal."""
 AMBIGUOUS = 0.95
 """A frame with less posterior probability than this is ambiguous."""
 
@@ -47,7 +47,7 @@ class EntityDecomposition(NamedTuple):
     assignment: NDArray[np.int64]
     """(L,) primitive of every segment."""
     kinds: NDArray[np.int64]
-    """(L,) `COMPLETE`, `STOPPED`, `PAUSE`, `ACCIDENT`; all complete where a method does not tell."""
+    """(L,) `COMPLETE`, `STOPPED`, `PAUSE`, `ACCIDENT`, `LOOSE`; all complete where a method does not tell."""
 
     def active(self, demonstration: int, n_steps: int) -> NDArray[np.int64]:
         """(T,) primitive that was active at every step of one demonstration."""

@@ -25,7 +25,7 @@ BEGIN = {"position": 0.03, "orientation": 0.30, "hand": 0.30}
 """Speed [m/s], [rad/s] above which a motion has begun."""
 END_SHARE = 0.5
 """A motion has ended below this share of the speed at which one begins."""
-SMALLEST = {"position": 0.008, "orientation": 0.09, "hand": 0.20}
+SMALLEST = {"position": 0.008, "orientation": 0.15, "hand": 0.20}
 """A motion that leads nowhere farther than this [m], [rad] is a jolt, not a movement."""
 SHORTEST_REST = 0.2
 """A slower moment shorter than this [s], after which the motion goes on in much the same direction, is no rest."""
@@ -130,7 +130,7 @@ def contacts(observed: Signals) -> list[tuple[int, int]]:
     return [part for part in _above(strength, CONTACT, CONTACT_LOST) if strength[slice(*part)].max() >= PRESSED]
 
 
-def interrupted(demonstrations: Sequence[Demonstration], parts: Sequence[Segment]) -> NDArray[np.bool_]:
+def interrupted(demonstrations: Sequence[Demonstration], entity: str, parts: Sequence[Segment]) -> NDArray[np.bool_]:
     """Per segment whether a contact was lost while the entity moved: something happened before it was at its goal."""
     result = np.zeros(len(parts), dtype=bool)
     for m, demonstration in enumerate(demonstrations):
@@ -139,7 +139,8 @@ def interrupted(demonstrations: Sequence[Demonstration], parts: Sequence[Segment
         lost = [stop for _, stop in contacts(signals(demonstration, "position"))]
         for i, part in enumerate(parts):
             if part.demonstration == m and part.moves:
-                result[i] = any(part.start + settling <= at <= part.rest + settling for at in lost)
+                first = part.start + settling if entity == "position" else part.start
+                result[i] = any(first <= at <= part.rest + settling for at in lost)
     return result
 
 

@@ -106,7 +106,7 @@ def entity_segments(demonstrations: Sequence[Demonstration], entity: str) -> Ent
         spaces += [TaskSpace(frame, "cylindrical") for frame in tracked]
     rows = []
     for i, space in enumerate(spaces):
-        whole = [_coordinates(demonstration, entity, space) for demonstration in demonstrations]
+        whole = [coordinates(demonstration, entity, space) for demonstration in demonstrations]
         if space.space == "cylindrical":
             radii = [np.hypot(*whole[part.demonstration][0][part.stop, :2]) for part in parts]
             spaces[i] = space._replace(radius=max(float(np.median(radii)), SMALLEST_RADIUS))
@@ -128,7 +128,7 @@ def pressing(force: Array) -> Array:
     return np.concatenate([surely, DIRECTION * surely * force / np.maximum(strength, 1e-12)], axis=-1)
 
 
-def _coordinates(demonstration: Demonstration, entity: str, space: TaskSpace) -> tuple[Array, Array]:
+def coordinates(demonstration: Demonstration, entity: str, space: TaskSpace) -> tuple[Array, Array]:
     """x (T + 1, d) and force (T + 1, 3) of a whole demonstration; Cartesian for a position in any space."""
     observed = signals(demonstration, entity)
     if entity == "hand":
