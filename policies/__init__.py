@@ -14,6 +14,7 @@ __all__ = ["LEARNERS", "SKILLS", "Skill", "load_skill"]
 
 LEARNERS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner",
+    "decomposition": "policies.decomposition_learner:DecompositionLearner",
     "moa": "policies.moa_learner:MoALearner",
 }
 """Name of the method -> its learner."""

@@ -1,0 +1,78 @@
+"""A decomposition as labels and a primitive table: at every step the primitives of all entities at once (thesis 3.4).
+
+Every group of changes (`changes.py`) begins a label.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
+from policies.decomposition.changes import changes, together
+from policies.decomposition.result import Decomposition, EntityDecomposition
+
+Integers = NDArray[np.int64]
+
+ENTITIES = ("position", "orientation", "hand")
+
+
+class Row(NamedTuple):
+    """What a label stands for.
+
+    Labels of the same primitives that were begun by different entities differ: they wait for different things.
+    """
+
+    primitives: tuple[int, ...]
+    """Of every entity."""
+    begun: tuple[str, ...]
+    """Which entities began their movement with the label."""
+
+
+class Labels(NamedTuple):
+    """What the learner of sequence graphs learns from."""
+
+    labels: list[Integers]
+    """Per demonstration (T,)."""
+    primitives: tuple[Primitive, ...]
+    """Every `Row` that occurs."""
+
+
+def labelled(demonstrations: Sequence[Demonstration], found: Decomposition) -> Labels:
+    """Labels of every step, and the primitive table that they stand for."""
+    rows: dict[Row, int] = {}
+    labels = []
+    for m, (demonstration, own) in enumerate(zip(demonstrations, changes(demonstrations, found), strict=True)):
+        result = np.empty(len(demonstration), dtype=np.int64)
+        active = {entity: int(part.assignment[part.data.of(m)[0]]) for entity, part in found.entities.items()}
+        since, begun = 0, tuple(found.entities)
+        for group in together(own):
+            if group[0].step == 0:
+                active |= {change.entity: change.primitive for change in group}
+                continue
+            result[since : group[0].step] = rows.setdefault(Row(tuple(active.values()), begun), len(rows))
+            since, begun = group[0].step, tuple(e for e in found.entities if e in {change.entity for change in group})
+            active |= {change.entity: change.primitive for change in group}
+        result[since:] = rows.setdefault(Row(tuple(active.values()), begun), len(rows))
+        labels.append(result)
+    return Labels(labels, tuple(_primitive(found, row) for row in rows))
+
+
+def control(part: EntityDecomposition, k: int) -> EntityControl:
+    """One primitive of an entity as a primitive table says it."""
+    primitive = part.primitives[k]
+    return EntityControl(k, primitive.space.frame, primitive.space.space, primitive.axes)
+
+
+def _primitive(found: Decomposition, row: Row) -> Primitive:
+    controls: dict[str, EntityControl | None] = dict.fromkeys(ENTITIES)
+    names = {}
+    for (entity, part), k in zip(found.entities.items(), row.primitives, strict=True):
+        controls[entity], names[entity] = control(part, k), f"{entity} {k + 1}"
+    position, orientation = controls["position"], controls["orientation"]
+    assert position is not None
+    assert orientation is not None
+    kept = [name for entity, name in names.items() if entity not in row.begun]
+    name = ", ".join(names[entity] for entity in row.begun) + (f" (keeping {', '.join(kept)})" if kept else "")
+    return Primitive(name, position, orientation, controls["hand"])
