@@ -2,8 +2,8 @@
 
 Beside the two rules of `passages.py`, three more keep accidents of a few demonstrations out of the decision:
 
-3. *Events.* An exit at which the world yielded, or that interrupted the movement when a named observation changed, waits for
-   that alone; any other exit waits for the entities that moved and arrived.
+3. *Events.* An exit at which the world yielded, or that interrupted the movement when a named observation changed or an
+   object moved in the hand, waits for that alone; any other exit waits for the entities that moved and arrived.
 4. *Reaction.* A demonstrator reacts to an event after it happened: from the moment on from which its feature stays on the
    other side of what it was elsewhere, the samples count for the successor.
 5. *Context.* Distances to the goals of successors and named observations depend on the setup. They enter only where a node
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from policies.feature_selection import Event, separation, telling_event, telling_features
 from policies.features import ENTITIES
 from policies.goal_distance import Feature
+from policies.object_motion import MOTION
 from policies.passages import END, PassageData
 
 Array = NDArray[np.float64]
@@ -69,7 +70,8 @@ class Conditions:
         """alike: features (N, n) of passages of the same primitive through other nodes."""
         self.data, self.node, self.features, self.alike = data, node, features, alike
         self.own = [i for i, feature in enumerate(features) if feature.primitive == data.graph.labels[node]]
-        self.observed = [i for i, feature in enumerate(features) if feature.column >= 0]
+        self.events = [i for i, feature in enumerate(features) if feature.column >= 0]
+        self.observed = [i for i in self.events if not features[i].name.startswith(MOTION)]
 
     def reached(self, exit_: int, i: int) -> bool:
         """Whether feature i is the distance of an entity whose goal the exit waits for."""
@@ -97,7 +99,7 @@ class Conditions:
         through = [s for s in seen if len(s.way)]
         ended = [s.rows for s in through if s.exit == exit_]
         others = [s.rows for s in through if s.exit != exit_]
-        return telling_event(ended, others, self.alike, self.observed) if ended else None
+        return telling_event(ended, others, self.alike, self.events) if ended else None
 
     def _context(self, seen: list[Seen]) -> dict[int, set[int]]:
         """For each of the exits that wait for the same, the features that tell it from the others."""

@@ -44,8 +44,10 @@ SMALLEST_SCATTER = 0.001
 PRESSES, GRIP = 0.5, 0.25
 """A hand joint whose drive bears more than this torque [N m] at the end of a movement presses against something; its
 goal lies beyond where it stalled, by this angle [rad], which is enough for all the torque that a drive gives."""
-SLOWEST = 0.1
-"""[m/s]: a primitive that hardly moved the tool may still have to move it so fast."""
+PRESSED_SHARE = 0.25
+"""A joint presses if it did in this share of the segments: of fingers that oppose each other not all bear torque each time."""
+SLOWEST, GENTLEST = 0.1, 0.5
+"""[m/s], [m/s^2]: a primitive that hardly moved the tool may still have to move it so fast, and so suddenly."""
 CONTACT_FRACTION = 0.5
 """A force counts as steady contact above this fraction of its 90 % quantile within the segment."""
 
@@ -66,6 +68,8 @@ class MovementPrimitives(NamedTuple):
     """(K, 3) desired force of the tool on the world along the coordinates of the position [N]; 0 along other axes."""
     speed: Array
     """(K,) speed of the tool [m/s] where it was demonstrated to move fast."""
+    acceleration: Array
+    """(K,) [m/s^2] with which it was demonstrated to come up to this speed."""
 
 
 def learn_primitives(
@@ -83,7 +87,8 @@ def learn_primitives(
     """
     n, dt = len(names), float(demonstrations[0].dt)
     mean = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    goal, grip, force, speed = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3)), np.zeros(n)
+    goal, grip, force = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3))
+    speed, acceleration = np.zeros((2, n))
     parts = [(m, s) for m, demonstration in enumerate(demonstrations) for s in segments(demonstration.labels)]
     shown = {k: [(m, slice(s.start, s.stop + 1)) for m, s in parts if s.label == k] for k in range(n)}
     shown = {k: own for k, own in shown.items() if own}
@@ -96,8 +101,8 @@ def learn_primitives(
         for k, own in shown.items()
     }
     for k, own in shown.items():
-        speeds = [_speed(measurements[m].position[at], dt) for m, at in own]
-        speed[k] = max(float(np.median(speeds)), SLOWEST)
+        paces = np.median([_pace(measurements[m].position[at], dt) for m, at in own], axis=0)
+        speed[k], acceleration[k] = np.maximum(paces, (SLOWEST, GENTLEST))
         if table.space[k] == CYLINDRICAL:
             _unwrap([x for j in table.alike(k, 1, shown) for x in paths[j]])
             goal[k, 0] = np.median([x[-1, 0] for x in paths[k]])
@@ -106,12 +111,13 @@ def learn_primitives(
             _check_shared(names, rows, [np.array([x[-1, i] for x in paths[j]]) for j in rows], APART[table.space[k], i])
             goal[k, i] = _goal([[x[:, i] for x in paths[j]] for j in rows], time, DEAD_BAND[table.space[k], i], dt)
         if "hand_torque" in demonstrations[0].observations:
-            torque = np.median([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own], axis=0)
-            grip[k] = GRIP * np.sign(torque) * (np.abs(torque) > PRESSES) * (table.modes[k, HAND] == CONTROLLED)
+            torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own])
+            presses = np.mean(np.abs(torque) > PRESSES, axis=0) >= PRESSED_SHARE
+            grip[k] = GRIP * np.sign(np.median(torque, axis=0)) * presses * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
             forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for m, at in own]
             force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for x in paths[k]])
-    return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed)
+    return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed, acceleration)
 
 
 def _goal(groups: Sequence[Sequence[Array]], time: NormalisedTime, dead_band: float, dt: float) -> float:
@@ -142,9 +148,14 @@ def precisions(ends: Sequence[Array]) -> Array:
     return np.concatenate([np.full(len(own), len(own) / (s + common)) for own, s in zip(ends, squares, strict=True)])
 
 
-def _speed(position: Array, dt: float) -> float:
-    """90 % quantile of the speed [m/s] along a path (N, 3)."""
-    return float(np.quantile(np.linalg.norm(np.diff(position, axis=0), axis=1) / dt, 0.9))
+def _pace(position: Array, dt: float) -> tuple[float, float]:
+    """90 % quantile of the speed [m/s] along a path (N, 3), and the mean acceleration [m/s^2] from a tenth of it to 90 %."""
+    speeds = np.linalg.norm(np.diff(position, axis=0), axis=1) / dt
+    fast = float(np.quantile(speeds, 0.9))
+    reached = int(np.argmax(speeds >= 0.9 * fast))
+    slow = np.flatnonzero(speeds[:reached] <= 0.1 * fast)
+    since = int(slow[-1]) if len(slow) else 0
+    return fast, 0.8 * fast / (dt * max(reached - since, 1))
 
 
 def _unwrap(paths: Sequence[Array]) -> None:

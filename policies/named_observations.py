@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfd_gym.errors import UnknownNameError
+from lfd_gym.errors import DemonstrationError, UnknownNameError
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,9 @@ class NamedObservations(NamedTuple):
     def scaled(self, observations: Mapping[str, NDArray[Any]]) -> Array:
         """Features (..., D) in [0, 1] of observations (..., d) by name."""
         columns = [observations[key][..., i] for key, i in zip(self.keys, self.indices, strict=True)]
-        values = np.stack(columns, axis=-1) if columns else np.empty((0,))
+        if not columns:
+            return np.empty((*np.shape(next(iter(observations.values())))[:-1], 0))
+        values = np.stack(columns, axis=-1)
         return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
 
     def only(self, columns: Sequence[int]) -> "NamedObservations":
@@ -56,7 +58,8 @@ def named_observations(
 ) -> NamedObservations:
     """All components of the named observations that vary; names None: of every observation that is not a pose.
 
-    Raises UnknownNameError for a name that was not observed, or that is a pose.
+    Raises UnknownNameError for a name that was not observed, or that is a pose, and DemonstrationError for values that are
+    not finite.
     """
     possible = sorted(name for name in demonstrated[0] if not name.startswith(POSES))
     keys, indices, low, high = [], [], [], []
@@ -64,6 +67,10 @@ def named_observations(
         if name not in possible:
             raise UnknownNameError("observation for features", name, possible)
         values = np.concatenate([observations[name] for observations in demonstrated])
+        if not np.isfinite(values).all():
+            raise DemonstrationError(
+                f"the observation '{name}' is not finite; repeat the demonstration, or leave it out"
+            )
         for i in np.flatnonzero(np.ptp(values, axis=0) > SMALLEST_RANGE):
             keys.append(name)
             indices.append(i)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from policies.features import CONTROLLED, ENTITIES, FORCE, Measurement, deviations, trajectory
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
+from policies.object_motion import MOTION
 from policies.sequence_graph import SequenceGraph, TransitionPoint, segments
 
 Array = NDArray[np.float64]
@@ -75,7 +76,8 @@ class PassageData:
         observed: Sequence[Array],
     ) -> None:
         """observed: per demonstration the scaled named observations (T + 1, D)."""
-        self.graph, self.primitives, self.named, self.observed = graph, primitives, named, observed
+        self.graph, self.primitives, self.named, self._observed = graph, primitives, named, observed
+        self._motions = [c for c, key in enumerate(named.keys) if key.startswith(MOTION)]
         self.passages = passages(graph, labels)
         self.labels = sorted({label for label in graph.labels if label >= 0})
         self._deviations = {
@@ -92,6 +94,12 @@ class PassageData:
             own = [p for p in self.passages if (p.node, p.exit) == (node, exit_)]
             entities = self.controlled(graph.labels[node])
             self._arrived[node, exit_] = {e for e in entities if np.mean([self._at_goal(p, e) for p in own]) >= 0.5}
+
+    def observed(self, p: Passage) -> Array:
+        """Scaled named observations (N, D) along a passage; nothing has moved when it begins."""
+        rows = self._observed[p.demonstration][p.start : p.stop + 1].copy()
+        rows[0, self._motions] = 0.0
+        return rows
 
     def everywhere(self, k: int) -> list[Array]:
         """x - g (T + 1, N_COORDINATES) of primitive k along every whole demonstration."""

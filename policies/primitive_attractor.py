@@ -27,6 +27,8 @@ class Goals(NamedTuple):
     """(4,) [rad]."""
     pull: Array
     """(3,) where the attractor of the position pulls now, on its way to the goal [m]."""
+    pace: Array
+    """() how fast it moves there [m/s]."""
 
 
 def command(
@@ -43,11 +45,12 @@ def command(
     A held coordinate keeps its last goal in the world. Along a force axis the goal is the measured position, so that a
     primitive that holds this axis next holds it where the pressing ended.
 
-    The attractor's pull moves to the goal at the demonstrated speed, straight in the primitive's own space. So a
-    movement begins as gently as a human's (a goal that jumps asks for alpha times the speed limit at once), and runs along
-    the arc in a cylindrical space; the tool follows at a distance of speed / beta, and inside an arc of angular
-    speed w by a share of (2 w / alpha)^2 of the radius. In a cylindrical space a primitive that presses stays where it is
-    along the other coordinates until it feels contact as `lfd_gym.contact` defines it.
+    The attractor's pull moves to the goal with the demonstrated acceleration and speed, straight in the primitive's own
+    space. So a movement begins as gently as a human's (a goal that jumps asks for alpha times the speed limit at once, and
+    shakes off what the hand holds), and runs along the arc in a cylindrical space; the tool follows at a distance of
+    speed / beta, and inside an arc of angular speed w by a share of (2 w / alpha)^2 of the radius. In a cylindrical space a
+    primitive that presses stays where it is along the other coordinates until it feels contact as `lfd_gym.contact` defines
+    it.
 
     seen (11,) is position, quaternion and hand as measured, frames (F, 7) the poses of the table's frames, dt the time step
     [s].
@@ -55,11 +58,12 @@ def command(
     table, force = primitives.table, primitives.force[label]
     at, turned = frames[table.position_frame[label]], frames[table.orientation_frame[label]]
     wrench = np.asarray(observation["wrench"], dtype=np.float64) if force.any() else np.zeros(6)
-    *goals, force = _command(
-        seen, *before, at, turned, table.space[label], table.modes[label],
-        primitives.mean[label], primitives.goal[label], primitives.grip[label], force, wrench, primitives.speed[label] * dt,
+    pace = min(before.pace + primitives.acceleration[label] * dt, primitives.speed[label])
+    position, orientation, hand, pull, force = _command(
+        seen, *before[:4], at, turned, table.space[label], table.modes[label],
+        primitives.mean[label], primitives.goal[label], primitives.grip[label], force, wrench, pace * dt,
     )  # fmt: skip
-    return Goals(*goals), force
+    return Goals(position, orientation, hand, pull, np.asarray(pace)), force
 
 
 @njit(cache=True)

@@ -10,26 +10,22 @@ from numpy.typing import NDArray
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
-from policies.features import FORCE, N_COORDINATES, measure, primitive_table
+from policies.features import FORCE, measure, primitive_table
 from policies.goal_distance import KINDS
 from policies.goals import TIMES, NormalisedTime
 from policies.learner import Learner
 from policies.movement_primitives import learn_primitives
-from policies.named_observations import NamedObservations, named_observations
+from policies.named_observations import named_observations
+from policies.node_learner import NodeLearner
+from policies.object_motion import motion_observations
 from policies.outliers import find_outliers
 from policies.passages import PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
-from policies.sequence_graph_skill import Node, SequenceGraphSkill, class_targets, longest_stillness
-from policies.transition_data import STAY, NodeData, TransitionData
-from policies.transitions import CLASSIFIERS, KERNELS, Decision, constant_decision
+from policies.sequence_graph_skill import SequenceGraphSkill, longest_stillness
+from policies.transition_data import TransitionData
+from policies.transitions import CLASSIFIERS, KERNELS
 
 OUTLIERS = ("warn", "drop", "keep")
-PATIENCE_MARGIN = 0.5
-"""Stillness [s] allowed beyond `patience` times the longest one demonstrated in a node."""
-
-
-class TransitionWarning(UserWarning):
-    """A node's classifier cannot tell some of its classes apart."""
 
 
 class OutlierWarning(UserWarning):
@@ -47,15 +43,15 @@ class SequenceGraphLearner(Learner):
         feature: "entity", one goal distance per entity and side of a force axis, chosen per node; or "primitive", the
             thesis's one scalar per primitive, of the node and all its successors.
         observations: names of the observations that may be features beside goal distances (2.5.3), see
-            `named_observations`; None: all that are not poses. With feature="entity" a node looks at few of them, where it
-            has to (see `transition_data`); with "primitive" at all that are named.
+            `named_observations` and `object_motion`; None: all that are not poses. With feature="entity" a node looks at few
+            of them, where it has to (see `transition_data`); with "primitive" at all that are named.
         time: normalised time of goal learning, "squared" as printed in (2.4), "arclength" or "real".
         fold: whether repetitions become cycles (2.3.2).
         match: how folded graphs are merged, see `sequence_graph.merge`.
         dwell: the decision for an exit has to last for this many times the shortest rest that was demonstrated before
             it: what takes a moment to show is waited for as the demonstrator did. 0: it is followed at once.
         patience: a robot that stands still in a node for longer than this many times the longest stillness demonstrated
-            there, plus `PATIENCE_MARGIN`, takes its best exit, for it cannot reach what it waits for. None: never.
+            there, plus half a second, takes its best exit, for it cannot reach what it waits for. None: never.
         outliers: what to do with a demonstration that is unlike the others (5.2.4, see `outliers`): "warn" names it and
             uses it, "drop" names it and leaves it out, "keep" does not look.
     """
@@ -92,15 +88,23 @@ class SequenceGraphLearner(Learner):
         labels = [demonstration.labels for demonstration in demonstrations]
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
         graph = self._sequence_graph(labels)
-        named = self._named_observations(demonstrations)
-        observed = [named.scaled(demonstration.observations) for demonstration in demonstrations]
-        data = PassageData(graph, primitives, measurements, labels, named, observed)
+        wanted = () if self.observations is None and self.feature == "primitive" else self.observations
+        seen = [
+            {**demonstration.observations, **motion_observations(measured, demonstration.labels, table.frames)}
+            for demonstration, measured in zip(demonstrations, measurements, strict=True)
+        ]
+        named = named_observations(seen, wanted)
+        data = PassageData(graph, primitives, measurements, labels, named, [named.scaled(values) for values in seen])
         transitions = TransitionData(data, self.feature)
+        settings: dict[str, Any] = {"C": self.C} | ({"kernel": self.kernel} if self.classifier == "svm" else {})
+        node_learner = NodeLearner(
+            self.classifier, settings, self.dwell, self.patience, float(first.dt), graph.node_names(names)
+        )
         nodes = []
         for node in range(graph.n_nodes):
             own = [p for p in data.passages if p.node == node]
             still = [longest_stillness(measurements[p.demonstration], p.start, p.stop) for p in own]
-            nodes.append(self._node(graph, node, transitions.node(node), max(still, default=0), names, first.dt))
+            nodes.append(node_learner.learn(node, transitions.node(node), max(still, default=0)))
         columns = sorted({int(c) for node in nodes for c in node.feature_columns if c >= 0})
         position = {column: i for i, column in enumerate([-1, *columns], start=-1)}
         nodes = [
@@ -128,54 +132,10 @@ class SequenceGraphLearner(Learner):
         left_out = {outlier.index for outlier in found} if self.outliers == "drop" else set()
         return [demonstration for i, demonstration in enumerate(demonstrations) if i not in left_out]
 
-    def _named_observations(self, demonstrations: Sequence[Demonstration]) -> NamedObservations:
-        names = () if self.observations is None and self.feature == "primitive" else self.observations
-        named = named_observations([demonstration.observations for demonstration in demonstrations], names)
-        _check_measurements(demonstrations, sorted(set(named.keys)))
-        return named
-
     def _sequence_graph(self, labels: Sequence[NDArray[np.int64]]) -> SequenceGraph:
         if self.graph == "global":
             return global_graph(labels, self.fold, self.match)
         return GRAPHS[self.graph](labels)
-
-    def _node(
-        self, graph: SequenceGraph, node: int, data: NodeData | None, stillness: int, names: Sequence[str], dt: float
-    ) -> Node:
-        """A node with its classifier; stillness in samples."""
-        if data is None:
-            none, no_gains, no_index = np.empty(0), np.empty((0, N_COORDINATES)), np.empty(0, dtype=np.int64)
-            return Node((), no_index, no_index, no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
-        seen, classes = np.unique(data.classes, return_inverse=True)
-        targets = class_targets(node, data.exits)
-        decision = self._decision(data, classes, len(seen))
-        text = graph.node_names(names)
-        for exit_, goal in data.goal_states.items():
-            if seen[int(np.argmax(decision.scores(goal)))] == STAY:
-                after = text[exit_] if exit_ >= 0 else "the end"
-                message = f"node '{text[node]}' cannot tell its goal, where '{after}' follows, from the way there"
-                warnings.warn(message, TransitionWarning, stacklevel=4)
-        patience = np.inf
-        if self.patience is not None and not (targets[1:] == node).any():
-            patience = self.patience * stillness * dt + PATIENCE_MARGIN
-        rests = np.array([0, *(data.rests[exit_] for exit_ in data.exits)])[seen]
-        return Node(
-            tuple(feature.name for feature in data.features),
-            np.array([feature.primitive for feature in data.features], dtype=np.int64),
-            np.array([feature.column for feature in data.features], dtype=np.int64),
-            np.array([feature.gain for feature in data.features]).reshape(-1, N_COORDINATES),
-            np.array([feature.side for feature in data.features]),
-            targets[seen],
-            self.dwell * dt * rests,
-            decision,
-            patience,
-        )
-
-    def _decision(self, data: NodeData, classes: NDArray[np.int64], n_classes: int) -> Decision:
-        if n_classes == 1 or not data.features:
-            return constant_decision(n_classes, len(data.features))
-        settings: dict[str, Any] = {"kernel": self.kernel} if self.classifier == "svm" else {}
-        return CLASSIFIERS[self.classifier](data.samples, classes, data.weights, self.C, **settings)[1]
 
     def _summary(self) -> str:
         classifier = f"{self.kernel} {self.classifier}" if self.classifier == "svm" else self.classifier

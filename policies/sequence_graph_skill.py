@@ -11,6 +11,7 @@ from lfd_gym.action import ActionLayout
 from policies.features import WORLD, Measurement, PrimitiveTable, deviation, goal_distance, task_coordinates
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
+from policies.object_motion import MOTION, motions, tool_in_frames
 from policies.passages import END
 from policies.primitive_attractor import Goals, command
 from policies.sequence_graph import SequenceGraph
@@ -46,7 +47,7 @@ class Node(NamedTuple):
 
 
 TABLE_ARRAYS = tuple(name for name in PrimitiveTable._fields if name != "frames")
-PRIMITIVE_ARRAYS = ("mean", "goal", "grip", "force", "speed")
+PRIMITIVE_ARRAYS = ("mean", "goal", "grip", "force", "speed", "acceleration")
 OBSERVED_ARRAYS = ("indices", "low", "high")
 NODE_ARRAYS = ("feature_primitives", "feature_columns", "gains", "sides", "targets", "dwell")
 
@@ -64,6 +65,8 @@ class Memory(NamedTuple):
     """(n, 4) last goal of the hand [rad]."""
     pull: Array
     """(n, 3) where the attractor of the position pulled last, world frame [m]."""
+    pace: Array
+    """(n,) how fast that place moved [m/s]."""
     anchor: Array
     """(n, 11) position, quaternion and hand when the robot last moved."""
     still: Array
@@ -72,6 +75,8 @@ class Memory(NamedTuple):
     """(n,) class that the node's decision chose last; 0 is to stay."""
     lasted: Array
     """(n,) since when it chose it [s]."""
+    began: Array
+    """(n, F, 3) tool point in every frame when the node became active [m]."""
 
 
 class SequenceGraphSkill(Skill):
@@ -96,6 +101,9 @@ class SequenceGraphSkill(Skill):
         self.layout, self.dt = layout, dt
         self.primitive_names = primitives.names
         self._frame_keys = ["frame_" + name for name in primitives.table.frames[1:]]
+        self._motions = {
+            MOTION + name: f for f, name in enumerate(primitives.table.frames) if MOTION + name in named.keys
+        }
 
     def active(self, state: State) -> NDArray[np.int64]:
         """Label of the active primitive of every row; -1 before the first observation."""
@@ -106,21 +114,25 @@ class SequenceGraphSkill(Skill):
         identity = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
         none, zero = np.zeros(n, dtype=np.int64), np.zeros(n)
         place = np.zeros((n, 3))
-        return Memory(none, place, identity, np.zeros((n, 4)), place, np.zeros((n, 11)), zero, none, zero)
+        began = np.zeros((n, len(self.primitives.table.frames), 3))
+        return Memory(none, place, identity, np.zeros((n, 4)), place, zero, np.zeros((n, 11)), zero, none, zero, began)
 
     def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
         """One control step: classify, then the goal of the node that is active now."""
-        seen, frames, observed = self._measure(observation)
+        seen, frames, place = self._measure(observation)
         memory = Memory(*state)
         if memory.node == 0:
-            memory = memory._replace(position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3], anchor=seen)
+            memory = memory._replace(
+                position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3], anchor=seen, began=place
+            )
         still = _is_still(seen, memory.anchor)
         memory = memory._replace(
             anchor=memory.anchor if still else seen, still=memory.still + self.dt if still else np.array(0.0)
         )
-        memory = self._move_on(seen, frames, observed, memory)
+        observed = self._named(observation, place, memory.began)
+        memory = self._move_on(seen, frames, place, observed, memory)
         label = self.graph.labels[int(memory.node)]
-        before = Goals(memory.position, memory.quaternion, memory.hand, memory.pull)
+        before = Goals(memory.position, memory.quaternion, memory.hand, memory.pull, memory.pace)
         goals, force = command(self.primitives, label, seen, frames, before, observation, self.dt)
         action = self.layout.encode(goals.pull, goals.quaternion, force, goals.hand[: self.layout.hand_low.size])
         return action, memory._replace(**goals._asdict())
@@ -135,7 +147,7 @@ class SequenceGraphSkill(Skill):
         )  # fmt: skip
 
     def _measure(self, observation: Observation) -> tuple[Array, Array, Array]:
-        """Position, quaternion and hand (11,), the frames (F, 7), and the scaled named observations (D,)."""
+        """Position, quaternion and hand (11,), the frames (F, 7), and the tool point in them (F, 3)."""
         seen = np.zeros(11)
         seen[:3] = observation["tool_position"]
         seen[3:7] = observation["tool_quaternion"]
@@ -145,9 +157,16 @@ class SequenceGraphSkill(Skill):
         frames[0] = WORLD
         for i, key in enumerate(self._frame_keys, start=1):
             frames[i] = observation[key]
-        return seen, frames, self.named.scaled(observation)
+        return seen, frames, tool_in_frames(seen[:3], frames)
 
-    def _move_on(self, seen: Array, frames: Array, observed: Array, memory: Memory) -> Memory:
+    def _named(self, observation: Observation, place: Array, began: Array) -> Array:
+        """The scaled named observations (D,)."""
+        if not self._motions:
+            return self.named.scaled(observation)
+        moved = motions(place, began)
+        return self.named.scaled({**observation, **{key: moved[f : f + 1] for key, f in self._motions.items()}})
+
+    def _move_on(self, seen: Array, frames: Array, place: Array, observed: Array, memory: Memory) -> Memory:
         """Follow the largest activation once it has lasted; the best exit where the robot was still for too long."""
         current, zero = int(memory.node), np.array(0.0)
         node = self.nodes[current]
@@ -162,7 +181,9 @@ class SequenceGraphSkill(Skill):
             return memory._replace(chosen=np.array(chosen), lasted=lasted)
         if (following := int(node.targets[chosen])) == current:
             return memory._replace(chosen=np.array(chosen), lasted=lasted)
-        return memory._replace(node=np.array(following), anchor=seen, still=zero, chosen=np.array(0), lasted=zero)
+        return memory._replace(
+            node=np.array(following), pace=zero, anchor=seen, still=zero, chosen=np.array(0), lasted=zero, began=place
+        )
 
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Graph, primitives and nodes."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfd_gym.errors import SkillFileError
 from lfd_gym.paths import written_whole
 
-SCHEMA = "lfd_gym.skill/2"
+SCHEMA = "lfd_gym.skill/3"
 HEADER = "header"
 """Name of the array that holds the JSON header."""
 

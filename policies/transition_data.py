@@ -41,6 +41,8 @@ class NodeData(NamedTuple):
     """Exit -> shortest rest before it, in samples; 0 where it was not observed."""
     goal_states: dict[int, Array]
     """Exit -> features (n,) at the goal that it waits for: the decision here must not be to stay."""
+    rare: list[int]
+    """Exits of a node with several that only one of several demonstrations took."""
 
 
 class TransitionData:
@@ -59,7 +61,7 @@ class TransitionData:
         exits = graph.successors(node)
         if not exits:
             return None
-        if node != 0 and any(p.node == node and p.exit == END for p in self.data.passages):
+        if node != 0 and self._ends(node):
             exits = (*exits, END)
         candidates = self._candidates(node, exits)
         seen = self._passages(node, exits, candidates)
@@ -69,6 +71,13 @@ class TransitionData:
             alike = [self._features(p, candidates) for p in self.data.passages if self.data.alike(p, node)]
             waits, seen = Conditions(self.data, node, candidates, alike).find(seen)
         return self._samples(node, exits, candidates, seen, waits)
+
+    def _ends(self, node: int) -> bool:
+        """Whether to stop here was shown. A recording ends when the task is solved: a single one that ended where all others
+        went on shows nothing."""
+        through = {p.demonstration for p in self.data.passages if p.node == node}
+        ended = {p.demonstration for p in self.data.passages if p.node == node and p.exit == END}
+        return len(ended) > 1 or (len(ended) == 1 and len(through) == 1)
 
     def _candidates(self, node: int, exits: tuple[int, ...]) -> list[Feature]:
         labels = dict.fromkeys(self.data.graph.labels[n] for n in (node, *exits) if n not in (0, END))
@@ -91,8 +100,9 @@ class TransitionData:
         return result
 
     def _features(self, p: Passage, features: list[Feature]) -> Array:
+        observed = self.data.observed(p)
         columns = [
-            self.data.observed[p.demonstration][p.start : p.stop + 1, f.column]
+            observed[:, f.column]
             if f.column >= 0
             else goal_distances(self.data.deviations(p, f.primitive), f.gain, f.side)
             for f in features
@@ -133,7 +143,14 @@ class TransitionData:
             _weights(classes, [len(rows) for _, rows in blocks]),
             {e: min((len(s.go) - 1 for s in seen if s.exit == e and len(s.go)), default=0) for e in exits},
             {e: state[used] for e, state in goal_states.items()},
+            _rare(seen, waits),
         )
+
+
+def _rare(seen: list[Seen], waits: dict[int, Waits]) -> list[int]:
+    if len(waits) < 2 or len({s.demonstration for s in seen}) < 2:
+        return []
+    return [e for e in waits if len({s.demonstration for s in seen if s.exit == e}) == 1]
 
 
 def _virtual(rows: Array, free: list[int], pool: list[Array]) -> Array:

@@ -15,7 +15,7 @@ from policies.sequence_graph import (
     segments,
 )
 
-N_RANDOM = 2000
+N_RANDOM = 10_000
 
 
 def labels(text: str) -> list[int]:
@@ -129,6 +129,16 @@ def test_separate_branches_stay_separate():
     graph = global_graph([labels("ABCD"), labels("AECD")])
     assert graph.labels.count(ord("C")) == 2
     assert not graph.accepts(labels("ABCDCD"))
+
+
+def test_demonstrations_that_end_alike_end_in_the_same_node():
+    """So what one of them shows there, an error recovery, is known to all."""
+    graph = global_graph([labels("ABXL"), labels("ACXL"), labels("ACXLACXL")])
+    assert graph.labels.count(ord("L")) == 1
+    assert graph.labels.count(ord("X")) == 2
+    assert graph.accepts(labels("ABXLACXL"))
+    by_inputs = global_graph([labels("ABXL"), labels("ACXL")], match="inputs")
+    assert by_inputs.labels.count(ord("L")) == 2
 
 
 def test_equal_inputs_are_the_rule_of_the_thesis():
