@@ -15,7 +15,7 @@ from policies.sequence_graph import (
     segments,
 )
 
-N_RANDOM = 2000
+N_RANDOM = 10_000
 
 
 def labels(text: str) -> list[int]:

@@ -7,6 +7,7 @@ rows are kept as files, so that an experiment that was interrupted goes on where
 EXPERIMENTS: dict[str, str] = {
     "teachers": "lfd_gym.experiments.teachers:run",
     "sequence-graphs": "lfd_gym.experiments.sequence_graphs:run",
+    "slips": "lfd_gym.experiments.slips:run",
     "perturbations": "lfd_gym.experiments.perturbations:run",
     "one-demonstration": "lfd_gym.experiments.one_demonstration:run",
     "goal-learning": "lfd_gym.experiments.goal_learning:run",

@@ -7,13 +7,8 @@ import numpy as np
 
 from lfd_gym.experiments.learning import TEACHING, learned
 from lfd_gym.experiments.rows import Rows, markdown, success
-from lfd_gym.experiments.slips import recovered, watch_for_slips
 from lfd_gym.registry import kebab_case
 
-CYLINDER = "lfd_gym/CylinderGrasp-v0"
-SETUPS = 100
-SLIPS: dict[str, dict[str, float]] = {"as it comes": {}, "fingertips slippery for 0.5 s": {"slip": 0.5}}
-"""What makes a cylinder slip: its own weight and friction alone, or a perturbation as well."""
 SEEDS = {task: {"commanded": range(3)} for task in TEACHING}
 SEEDS["lfd_gym/LightBulb-v0"]["kinesthetic"] = range(2)
 """Modes and teaching seeds of each task. Other graphs and classifiers have experiments of their own."""
@@ -22,7 +17,6 @@ SEEDS["lfd_gym/LightBulb-v0"]["kinesthetic"] = range(2)
 def run(out: Path, quick: bool, jobs: int) -> str:
     """Teach, learn and evaluate on 100 unseen setups for every task, mode and teaching seed."""
     rows, table = Rows(out, quick, jobs), []
-    slips: dict[str, list[dict[str, Any]]] = {why: [] for why in SLIPS}
     for env_id, modes in SEEDS.items():
         for mode, seeds in modes.items():
             reports = []
@@ -33,17 +27,9 @@ def run(out: Path, quick: bool, jobs: int) -> str:
 
                 name = f"{kebab_case(env_id)}-{mode}-{seed}"
                 reports.append(rows.evaluated(name, env_id, skill))
-                if env_id == CYLINDER:
-                    for why, perturbation in SLIPS.items():
-                        row = f"{name}-slips-{'-'.join(perturbation) or 'natural'}"
-                        slips[why] += rows.observed(
-                            row, env_id, skill, watch_for_slips, SETUPS, {"perturbation": perturbation}
-                        )
             rates = [report["success_rate"] for report in reports]
             summary = [f"{100 * np.mean(rates):.1f}", f"{100 * min(rates):.0f}", str(len(reports[0]["episodes"]))]
             each = ", ".join(success([report]) for report in reports)
             table.append([kebab_case(env_id), mode, str(TEACHING[env_id]), *summary, each])
     header = ["task", "teaching", "demonstrations", "mean %", "worst %", "setups each", "% per teaching seed 0, 1, ..."]
-    well = [f"- {why}: {recovered(episodes)}" for why, episodes in slips.items()]
-    lines = [f"Episodes of {kebab_case(CYLINDER)} with a slip that ended well, in percent:", "", *well]
-    return markdown(header, table) + "\n\n" + "\n".join(lines)
+    return markdown(header, table)

@@ -27,9 +27,11 @@ Array = NDArray[np.float64]
 
 TOGETHER = 0.45
 """Changes within this time [s] are one."""
-NOTICED, REACTION = 0.25, 1.0
-"""A demonstrator has noticed an event after the first time, and what begins until the second belongs to the reaction [s]."""
-AHEAD = 0.1
+NOTICED = 0.25
+"""A demonstrator has noticed an event after this time [s]."""
+YIELDED = 0.03
+"""What gives way leads the tool farther away than this [m]."""
+AHEAD = 0.05
 """What gives way because another entity moves does so at least this time [s] after that began."""
 FITS = 0.15
 """An orientation so near to a goal [rad] is at it."""
@@ -88,27 +90,39 @@ def _shown(demonstration: Demonstration, m: int, found: Decomposition) -> list[C
                     segment.start,
                     max(segment.start + round(TOGETHER / dt), segment.rest),
                 )
-                result.append(_due(change, touching, others, onsets, dt) if entity == "position" else change)
+                pressed = "force" in part.primitives[part.assignment[before]].axes
+                away = pressed and part.data.views[i][0].length > YIELDED
+                starts = [start for start, _ in moving[entity]]
+                due = _due(change, away, starts, touching, others, onsets, dt) if entity == "position" else change
+                result.append(due)
     overtaken = {a for a in result for b in result if a.entity == b.entity and a.since < b.since and b.step <= a.step}
     return sorted(change for change in result if change not in overtaken and change.step < len(demonstration))
 
 
 def _due(
     change: Change,
+    away: bool,
+    own: Sequence[int],
     touching: Sequence[tuple[int, int]],
     others: Sequence[tuple[int, int]],
     onsets: Sequence[int],
     dt: float,
 ) -> Change:
-    """A change of the position that comes with a contact change and with the movement of another entity."""
+    """A change of the position that comes with a contact change and with the movement of another one.
+
+    away: it leads away from what was pressed; own: onsets of the position; onsets: of all entities; others: motions of the
+    other entities.
+    """
     step, near, settling = change.step, round(TOGETHER / dt), round(SETTLING / dt)
     made = any(abs(start - step) <= settling for start, _ in touching)
     lost = any(abs(stop - step) <= settling for _, stop in touching)
     if made and any(start <= step <= stop + near // 2 for start, stop in others):
         due = next((onset for onset in onsets if onset > step), step)
+        if due in own:
+            due = max(stop for start, stop in others if start <= step <= stop + near // 2)
         return change._replace(step=due, reach=due + near)
-    if lost and any(start + round(AHEAD / dt) <= step <= stop for start, stop in others):
-        return change._replace(step=step + round(NOTICED / dt), reach=step + round(REACTION / dt), event=True)
+    if lost and away and any(start + round(AHEAD / dt) <= step <= stop for start, stop in others):
+        return change._replace(step=step + round(NOTICED / dt), event=True)
     return change
 
 
@@ -117,7 +131,8 @@ def together(own: Sequence[Change]) -> list[list[Change]]:
     group. The first of a group says when it happened, the last of an entity what that does."""
     groups: list[list[Change]] = []
     for change in own:
-        if groups and not change.event and change.step <= max(other.reach for other in groups[-1]):
+        within = bool(groups) and not change.event and change.step <= max(other.reach for other in groups[-1])
+        if within or (groups and change.step == groups[-1][0].step):
             groups[-1].append(change)
         else:
             groups.append([change])
@@ -151,7 +166,7 @@ def _hidden(
             active = next((c.primitive for c in reversed(group) if c.entity == "orientation"), active)
             if wanted[m].get(step, active) != active:
                 active = wanted[m][step]
-                added.append(Change(step, "orientation", active, len(demonstrations[m]), step))
+                added.append(Change(step, "orientation", active, len(demonstrations[m]), step, event=True))
         result.append(added)
     return result
 

@@ -70,6 +70,7 @@ class Rotations:
         speed = np.linalg.norm(v, axis=1, keepdims=True)
         self.axes = v / np.where(speed > 0.0, speed, 1.0)
         self.moving = (speed > 0.0)[:, 0]
+        self.quaternions = _quaternions(self.matrices)
 
     def centre(self, weights: Array) -> Array:
         """The weighted mean of the matrices, made a rotation."""
@@ -77,24 +78,21 @@ class Rotations:
 
     def about(self, mean: Array) -> tuple[Array, Array]:
         """Rotation vectors to where the points are nearest to the mean, carried back along their derivative."""
-        turned = mean.reshape(*mean.shape[:-1], 1, 3, 3) @ np.swapaxes(self.matrices, -1, -2)
-        t = self._nearest(turned)
-        on_way = Rotation.from_rotvec((t[..., None] * self.axes).reshape(-1, 3))
-        back = Rotation.from_matrix(np.swapaxes(turned, -1, -2).reshape(-1, 3, 3))
-        x = (on_way * back).as_rotvec().reshape(*t.shape, 3)
+        goal = _quaternions(mean.reshape(-1, 3, 3)).reshape(*mean.shape[:-1], 1, 4) * [1.0, -1.0, -1.0, -1.0]
+        w, u = _multiply(self.quaternions[:, :1], self.quaternions[:, 1:], goal[..., :1], goal[..., 1:])
+        w, u = np.abs(w), np.where(w < 0.0, -u, u)
+        half = np.where(self.moving[:, None], np.arctan2(-(self.axes * u).sum(axis=-1, keepdims=True), w), 0.0)
+        w, u = _multiply(np.cos(half), np.sin(half) * self.axes, w, u)
+        w, u = np.abs(w), np.where(w < 0.0, -u, u)
+        size = np.linalg.norm(u, axis=-1, keepdims=True)
+        x = np.where(size > 1e-9, 2.0 * np.arctan2(size, w) / np.maximum(size, 1e-9), 2.0) * u
         v = np.where(self.moving[:, None], _derivative(x, self.axes), 0.0)
-        return x - t[..., None] * v, v
+        return x - 2.0 * half * v, v
 
     def moved(self, mean: Array, shift: Array) -> Array:
         """exp(shift) mean."""
         matrices = Rotation.from_rotvec(shift.reshape(-1, 3)).as_matrix() @ mean.reshape(-1, 3, 3)
         return np.asarray(matrices.reshape(mean.shape))
-
-    def _nearest(self, turned: Array) -> Array:
-        """t* (..., N) of goals relative to the points, (..., N, 3, 3); 0 of anchors."""
-        d, e, _ = parts(self.axes)
-        t = np.arctan2((turned * e).sum(axis=(-2, -1)), (turned * d).sum(axis=(-2, -1)))
-        return np.where(self.moving, t, 0.0)
 
 
 class Matrices(Rotations):
@@ -113,6 +111,12 @@ class Matrices(Rotations):
         """The rotation nearest to the sum (Higham 1989)."""
         rows = (mean + shift).reshape(-1, 3, 3)
         return np.array([nearest_rotation(row) for row in rows]).reshape(mean.shape)
+
+    def _nearest(self, turned: Array) -> Array:
+        """t* (..., N) of goals relative to the points, (..., N, 3, 3); 0 of anchors."""
+        d, e, _ = parts(self.axes)
+        t = np.arctan2((turned * e).sum(axis=(-2, -1)), (turned * d).sum(axis=(-2, -1)))
+        return np.where(self.moving, t, 0.0)
 
 
 GEOMETRIES: dict[str, Callable[[Array, Array], Geometry]] = {
@@ -137,3 +141,16 @@ def _derivative(x: Array, axes: Array) -> Array:
     factor = np.where(angle < 1e-3, 1.0 / 12.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
     once = np.cross(x, np.broadcast_to(axes, x.shape))
     return np.asarray(axes - 0.5 * once + factor * np.cross(x, once))
+
+
+def _quaternions(matrices: Array) -> Array:
+    """(N, 4), scalar first."""
+    return np.asarray(Rotation.from_matrix(matrices).as_quat(scalar_first=True))
+
+
+def _multiply(w: Array, u: Array, w_other: Array, u_other: Array) -> tuple[Array, Array]:
+    """Product of quaternions with scalars (..., 1) and vectors (..., 3)."""
+    vector = (
+        w * u_other + w_other * u + np.cross(u, np.broadcast_to(u_other, np.broadcast_shapes(u.shape, u_other.shape)))
+    )
+    return w * w_other - (u * u_other).sum(axis=-1, keepdims=True), vector

@@ -3,6 +3,7 @@
 Every group of changes (`changes.py`) begins a label.
 """
 
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,9 +13,12 @@ from numpy.typing import NDArray
 from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
 from policies.decomposition.changes import changes, together
 from policies.decomposition.result import Decomposition, EntityDecomposition
+from policies.sequence_graph import segments
 
 Integers = NDArray[np.int64]
 
+COMMON = 3
+"""What so many demonstrations have is common."""
 ENTITIES = ("position", "orientation", "hand")
 
 
@@ -56,7 +60,35 @@ def labelled(demonstrations: Sequence[Demonstration], found: Decomposition) -> L
             active |= {change.entity: change.primitive for change in group}
         result[since:] = rows.setdefault(Row(tuple(active.values()), begun), len(rows))
         labels.append(result)
-    return Labels(labels, tuple(_primitive(found, row) for row in rows))
+    labels = absorbed(labels, list(rows))
+    used = sorted({int(label) for own in labels for label in own})
+    return Labels([np.searchsorted(used, own) for own in labels], tuple(_primitive(found, list(rows)[k]) for k in used))
+
+
+def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
+    """Labels of one demonstration alone give way to common ones.
+
+    A label that only one demonstration has becomes the one that at least `COMMON` demonstrations have between the same two
+    labels, if the position goes to the same goal in both: the other entities were kept from what they do there.
+    """
+    parts = [segments(own) for own in labels]
+    shown = {k: {m for m, own in enumerate(labels) if k in own} for k in range(len(rows))}
+    between: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
+    for own in parts:
+        for a, b, c in zip(own[:-2], own[1:-1], own[2:], strict=True):
+            between[a.label, c.label][b.label] += 1
+    result = [own.copy() for own in labels]
+    for m, own in enumerate(parts):
+        for a, b, c in zip(own[:-2], own[1:-1], own[2:], strict=True):
+            goal = rows[b.label].primitives[0]
+            common = [
+                k
+                for k, _ in between[a.label, c.label].most_common()
+                if rows[k].primitives[0] == goal and len(shown[k]) >= COMMON
+            ]
+            if len(shown[b.label]) == 1 and common:
+                result[m][b.start : b.stop] = common[0]
+    return result
 
 
 def control(part: EntityDecomposition, k: int) -> EntityControl:

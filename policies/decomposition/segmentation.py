@@ -27,6 +27,8 @@ END_SHARE = 0.5
 """A motion has ended below this share of the speed at which one begins."""
 SMALLEST = {"position": 0.008, "orientation": 0.15, "hand": 0.20}
 """A motion that leads nowhere farther than this [m], [rad] is a jolt, not a movement."""
+TURNED = {"position": 0.10, "orientation": 0.15, "hand": 0.20}
+"""What turns back leads farther than this [m], [rad]."""
 SHORTEST_REST = 0.2
 """A slower moment shorter than this [s], after which the motion goes on in much the same direction, is no rest."""
 CONTACT, CONTACT_LOST = 3.0, 1.5
@@ -110,13 +112,28 @@ def smooth(rows: Array, window: float) -> Array:
 
 
 def motions(observed: Signals, entity: str, dt: float) -> list[tuple[int, int]]:
-    """Motions (first, one past the last sample): speed hysteresis, without jolts and slow moments."""
+    """Motions (first, one past the last sample): speed hysteresis, cut where they turn back, without jolts and slow moments."""
     parts: list[tuple[int, int]] = []
     for start, stop in _above(observed.speed, BEGIN[entity], END_SHARE * BEGIN[entity]):
         if parts and (start - parts[-1][1]) * dt < SHORTEST_REST and _goes_on(observed, parts[-1], (start, stop)):
             start = parts.pop()[0]
         parts.append((start, stop))
-    return [part for part in parts if _way(observed.values[slice(*part)], entity) >= SMALLEST[entity]]
+    turned = [part for whole in parts for part in _turned(observed, entity, whole, round(SHORTEST_REST / dt))]
+    return [part for part in turned if _way(observed.values[slice(*part)], entity) >= SMALLEST[entity]]
+
+
+def _turned(observed: Signals, entity: str, whole: tuple[int, int], lag: int) -> list[tuple[int, int]]:
+    """A motion in parts, between the slowest samples where it turns back without a rest; what bounces does not turn back."""
+    start, stop = whole
+    v, speed = observed.velocity, observed.speed
+    back = [
+        t
+        for t in range(start + lag, stop - lag)
+        if v[t - lag] @ v[t + lag] < 0.0 and speed[t] == speed[t - lag : t + lag + 1].min()
+    ]
+    ways = {part: _way(observed.values[slice(*part)], entity) for part in itertools.pairwise([start, *back, stop])}
+    bounces = [part for part, way in ways.items() if way < TURNED[entity]]
+    return list(itertools.pairwise([start, *(t for t in back if not any(t in part for part in bounces)), stop]))
 
 
 def _goes_on(observed: Signals, before: tuple[int, int], after: tuple[int, int]) -> bool:
