@@ -1,18 +1,18 @@
-"""What was found without labels, against the teacher's own primitive table, which no learner sees (thesis 3.5).
+"""How well a decomposition agrees with the teacher's own primitive table, which no method sees.
 
-The truth of a step is the entity's row of the table that was active, its control. An entity that holds in every axis has no
-goal that could be seen: such steps belong to the control before them, and those before the first movement are not judged. Rows
-that share a primitive but control other axes of it (over a box at any height, and down to it) are one primitive to the teacher
-and two movements to whoever sees them, so both counts and both indices are given. What is judged:
+A step counts for an entity while the teacher controls it: where all of its axes are held, nothing is there to be found.
 
-    frame     share of time in which the frame is right; frames that the data cannot tell apart count as equal, `equal_frames`
-    rand      adjusted Rand index of the segments of 3.2.1, each labelled by what was active for most of it
-    found     number of primitives, beside the teacher's
-    force     share of pressing time with force along the right axis, and share of the other time with force along any
+Frames that the data cannot tell apart count as equal. Frame g is as good as the teacher's f for a row of the table if its goal
+could as well have been constant in g: the mean goal, carried along by g instead of f, is off by no more than a human's goals
+scatter, 1 cm or 3 degrees (root mean square over beginnings and ends of the visits, along the axes that the teacher controls).
+What the hand carries is at its goal in the end, but not in the beginning: no movement can be about it. A cylindrical space is
+never equal to a Cartesian one: the paths differ.
+
+Rows that share a primitive but control other axes of it (over a box at any height, and down to it) are one primitive to the
+teacher and two movements to whoever sees them: numbers and Rand indices are given against primitives and against such controls.
 """
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,224 +21,213 @@ from scipy.spatial.transform import Rotation
 from sklearn.metrics import adjusted_rand_score
 
 from lfd_gym.demonstration import NO_LABEL, Demonstration, EntityControl
-from policies.decomposition.result import Decomposition, EntityDecomposition
+from policies.decomposition.result import Decomposition, EntityDecomposition, EntityPrimitive
 from policies.decomposition.segmentation import segment
-from policies.decomposition.task_spaces import TaskSpace
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
-UNKNOWN = -1
-"""Steps that are not judged."""
-SAME_PLACE, SAME_TURN = 0.01, np.radians(3.0)
-"""A goal that varies less than the goals of a human do [m], [rad] is where it was."""
+TOLERANCE = {"position": 0.01, "orientation": np.radians(3.0)}
+"""What a human's goals scatter by [m], [rad]."""
 SAME_AXIS = np.cos(np.radians(25.0))
-"""|cosine| of two axes that count as the same."""
+"""|cosine| of the directions of two axes that count as the same."""
+NOTHING = -1
 
 
 class EntityScore(NamedTuple):
     """Of one entity."""
 
     frame: float
-    """Share of judged time in a frame that is right."""
+    """Share of the time in which the active primitive has the teacher's frame, or one as good; 1 for a hand."""
+    space: float
+    """The same, with the choice between Cartesian and cylindrical."""
     rand: float
-    """Adjusted Rand index of the segments, against the teacher's primitives."""
+    """Adjusted Rand index of the segments (of our segmentation, the same for all methods)."""
     rand_controls: float
-    """The same against its controls."""
+    """The same against the teacher's controls."""
     found: int
-    """Number of primitives that are ever active."""
-    taught: int
-    """The teacher's number of primitives."""
-    taught_controls: int
-    """Its number of controls."""
+    """Number of primitives."""
+    planted: int
+    """Of the teacher."""
+    planted_controls: int
+    """Its controls: primitives with the axes that they control."""
 
 
-class ForceScore(NamedTuple):
-    """Of the position."""
+class Score(NamedTuple):
+    """Of a decomposition."""
 
-    pressed: float
-    """Share of the time in which the teacher presses with force along the same axis; NaN if it never does."""
-    elsewhere: float
-    """Share of the time in which it does not with force along any axis."""
-
-
-class Passage(NamedTuple):
-    """One performance of an entity's control."""
-
-    demonstration: int
-    control: int
-    start: int
-    stop: int
-    """One past the last step in which it was not held."""
+    entities: dict[str, EntityScore]
+    forces: bool
+    """Whether force was chosen in the primitives and along the axes of the teacher, and nowhere else: for each of the
+    teacher's primitives of the position by the primitive that is active most of its time."""
+    forces_time: float
+    """Share of the time in which force acts along the teacher's axes, and along no other."""
 
 
-def entity_scores(demonstrations: Sequence[Demonstration], found: Decomposition) -> dict[str, EntityScore]:
-    """Per entity that was decomposed."""
-    return {entity: _entity_score(demonstrations, entity, part) for entity, part in found.entities.items()}
+def score(demonstrations: Sequence[Demonstration], found: Decomposition) -> Score:
+    """Of demonstrations with the teacher's labels."""
+    entities = {entity: _entity(demonstrations, entity, part) for entity, part in found.entities.items()}
+    truth = [planted(demonstration, "position") for demonstration in demonstrations]
+    axes = found.entities["position"]
+    active = [axes.active(m, len(demonstration)) for m, demonstration in enumerate(demonstrations)]
+    right: list[bool] = []
+    time: list[bool] = []
+    for k in sorted({int(k) for own in truth for k in own} - {NOTHING}):
+        visits = [(m, int(at)) for m, own in enumerate(truth) for at in np.flatnonzero(own == k)]
+        chosen = np.array([active[m][at] for m, at in visits])
+        agree = np.array(
+            [
+                _forces_agree(demonstrations[m], at, axes.primitives[j])
+                for (m, at), j in zip(visits, chosen, strict=True)
+            ]
+        )
+        time += agree.tolist()
+        right.append(bool(agree[chosen == np.argmax(np.bincount(chosen))].mean() > 0.5))
+    return Score(entities, all(right), float(np.mean(time)))
 
 
-def force_score(demonstrations: Sequence[Demonstration], found: EntityDecomposition) -> ForceScore:
-    """Whether force was chosen where the teacher pressed, and nowhere else; steps that hold are not judged."""
-    right, pressing, wrong, other = 0, 0, 0, 0
-    for m, demonstration in enumerate(demonstrations):
-        active = found.active(m, len(demonstration))
-        for t, label in enumerate(demonstration.labels):
-            if label == NO_LABEL or _holds(demonstration.primitives[label].position):
-                continue
-            row, primitive = demonstration.primitives[label].position, found.primitives[active[t]]
-            meant = _force_axes(demonstration, t, TaskSpace(row.frame, row.space), row.axes)
-            chosen = _force_axes(demonstration, t, primitive.space, primitive.axes)
-            if len(meant):
-                pressing += 1
-                along = np.abs(meant @ chosen.T) > SAME_AXIS
-                right += bool(along.any(axis=1).all() and along.any(axis=0).all() and along.size)
-            else:
-                other += 1
-                wrong += len(chosen) > 0
-    return ForceScore(right / pressing if pressing else np.nan, wrong / max(other, 1))
+def planted(demonstration: Demonstration, entity: str, per_control: bool = False) -> Integers:
+    """(T,) the entity's own primitive, or its control, of the teacher's table at every step; -1 where nothing is controlled."""
+    table, seen = [], list[EntityControl]()
+    for row in demonstration.primitives:
+        control: EntityControl | None = getattr(row, entity)
+        if control is None or all(axis == "hold" for axis in control.axes):
+            table.append(NOTHING)
+            continue
+        seen += [] if control in seen else [control]
+        table.append(seen.index(control) if per_control else control.primitive)
+    labels = demonstration.labels
+    return np.where(labels == NO_LABEL, NOTHING, np.array(table)[labels])
 
 
-def controls(demonstration: Demonstration, entity: str) -> list[EntityControl]:
-    """The distinct rows of the table for one entity, without those that hold in every axis."""
-    rows: list[EntityControl | None] = [getattr(primitive, entity) for primitive in demonstration.primitives]
-    return list(dict.fromkeys(row for row in rows if row is not None and not _holds(row)))
-
-
-def taught(demonstration: Demonstration, entity: str) -> NDArray[np.int64]:
-    """(T,) index into `controls` at every step, `UNKNOWN` before the first movement."""
-    rows = controls(demonstration, entity)
-    result = np.full(len(demonstration), UNKNOWN)
-    now = UNKNOWN
-    for t, label in enumerate(demonstration.labels):
-        row = None if label == NO_LABEL else getattr(demonstration.primitives[label], entity)
-        now = rows.index(row) if row in rows else now
-        result[t] = now
-    return result
-
-
-def equal_frames(demonstrations: Sequence[Demonstration], entity: str) -> list[set[str]]:
-    """Per control of the teacher the frames that are right: its own, and those that the data cannot tell from it.
-
-    The mean of where its performances end, in its own frame, is fixed to another frame. If it then stays within the scatter
-    of a human's goals (root mean square over beginnings and ends of all performances, along the axes that are controlled), the
-    other frame says the same. An object that is carried does not: it is elsewhere at the beginning.
-    """
-    tracked = [name.removeprefix("frame_") for name in demonstrations[0].observations if name.startswith("frame_")]
-    passages = [p for m, demonstration in enumerate(demonstrations) for p in _passages(demonstration, entity, m)]
-    result = []
-    for k, row in enumerate(controls(demonstrations[0], entity)):
-        own = [p for p in passages if p.control == k]
-        others = [frame for frame in ("world", *tracked) if frame != row.frame]
-        result.append({row.frame} | {f for f in others if own and _same(demonstrations, own, row, f, entity)})
-    return result
-
-
-def _entity_score(demonstrations: Sequence[Demonstration], entity: str, found: EntityDecomposition) -> EntityScore:
-    truth = [taught(demonstration, entity) for demonstration in demonstrations]
-    active = [found.active(m, len(demonstration)) for m, demonstration in enumerate(demonstrations)]
-    frames = equal_frames(demonstrations, entity)
-    right = [
-        found.primitives[g].space.frame in frames[k]
-        for own, guess in zip(truth, active, strict=True)
-        for k, g in zip(own, guess, strict=True)
-        if k != UNKNOWN
-    ]
-    labels = []
-    for part in segment(demonstrations, entity):
-        at = slice(part.start, part.stop)
-        own = truth[part.demonstration][at]
-        if (own != UNKNOWN).any():
-            labels.append((_most(own[own != UNKNOWN]), _most(active[part.demonstration][at])))
-    primitives = np.array([row.primitive for row in controls(demonstrations[0], entity)])
-    meant, guessed = np.array(labels).T
-    shown = sorted(set(np.concatenate(truth).tolist()) - {UNKNOWN})
+def _entity(demonstrations: Sequence[Demonstration], entity: str, part: EntityDecomposition) -> EntityScore:
+    truth = [planted(demonstration, entity) for demonstration in demonstrations]
+    active = [part.active(m, len(demonstration)) for m, demonstration in enumerate(demonstrations)]
+    frames, spaces = [1.0], [1.0]
+    if entity != "hand":
+        frames, spaces = [], []
+        for row, control in _rows(demonstrations, entity).items():
+            equal = _as_good(demonstrations, entity, row, control)
+            for demonstration, chosen in zip(demonstrations, active, strict=True):
+                used = [part.primitives[k].space for k in chosen[demonstration.labels == row]]
+                frames += [float(space.frame in equal) for space in used]
+                spaces += [float(space.frame in equal and space.space == control.space) for space in used]
+    controls = [planted(demonstration, entity, per_control=True) for demonstration in demonstrations]
     return EntityScore(
-        float(np.mean(right)),
-        float(adjusted_rand_score(primitives[meant], guessed)),
-        float(adjusted_rand_score(meant, guessed)),
-        len(np.unique(np.concatenate(active))),
-        len(np.unique(primitives[shown])),
-        len(shown),
+        float(np.mean(frames)),
+        float(np.mean(spaces)),
+        _rand(demonstrations, entity, truth, active),
+        _rand(demonstrations, entity, controls, active),
+        len(part.primitives),
+        _number(truth),
+        _number(controls),
     )
 
 
-def _holds(row: EntityControl | None) -> bool:
-    return row is None or all(axis == "hold" for axis in row.axes)
+def _rand(
+    demonstrations: Sequence[Demonstration], entity: str, truth: Sequence[Integers], active: Sequence[Integers]
+) -> float:
+    """Adjusted Rand index of the segments that the teacher controls for most of their time."""
+    planted_, found_ = [], []
+    for piece in segment(demonstrations, entity):
+        at = slice(piece.start, piece.stop)
+        own, chosen = truth[piece.demonstration][at], active[piece.demonstration][at]
+        counted = own[own != NOTHING]
+        if 2 * len(counted) > len(own):
+            planted_.append(int(np.argmax(np.bincount(counted))))
+            found_.append(int(np.argmax(np.bincount(chosen))))
+    return float(adjusted_rand_score(planted_, found_))
 
 
-def _most(labels: NDArray[np.int64]) -> int:
-    values, counts = np.unique(labels, return_counts=True)
-    return int(values[np.argmax(counts)])
+def _number(truth: Sequence[Integers]) -> int:
+    return len({int(k) for own in truth for k in own} - {NOTHING})
 
 
-def _passages(demonstration: Demonstration, entity: str, m: int) -> Iterator[Passage]:
-    own = taught(demonstration, entity)
-    edges = np.flatnonzero(np.diff(own, prepend=UNKNOWN - 1, append=UNKNOWN - 1))
-    held = np.array(
-        [
-            label == NO_LABEL or _holds(getattr(demonstration.primitives[label], entity))
-            for label in demonstration.labels
-        ]
-    )
-    for start, stop in itertools.pairwise(edges):
-        if own[start] != UNKNOWN:
-            yield Passage(m, int(own[start]), int(start), int(start + np.flatnonzero(~held[start:stop])[-1] + 1))
+def _rows(demonstrations: Sequence[Demonstration], entity: str) -> dict[int, EntityControl]:
+    """Rows of the primitive table that occur and control the entity."""
+    occur = sorted({int(k) for demonstration in demonstrations for k in demonstration.labels} - {NO_LABEL})
+    controls = {row: getattr(demonstrations[0].primitives[row], entity) for row in occur}
+    return {row: own for row, own in controls.items() if own and any(axis != "hold" for axis in own.axes)}
 
 
-def _same(
-    demonstrations: Sequence[Demonstration], passages: Sequence[Passage], row: EntityControl, frame: str, entity: str
-) -> bool:
-    """Whether a goal that is fixed to another frame stays where it is in its own."""
-    if entity == "hand":
-        return True
-    own, other, ends = [], [], []
-    for p in passages:
-        for t in (p.start, p.stop):
-            own.append(_pose(demonstrations[p.demonstration], row.frame, t))
-            other.append(_pose(demonstrations[p.demonstration], frame, t))
-        ends.append((p.demonstration, p.stop))
+def _as_good(demonstrations: Sequence[Demonstration], entity: str, row: int, control: EntityControl) -> set[str]:
+    """Frames in which the goal of a row of the primitive table could as well be constant."""
+    places: list[tuple[Demonstration, int]] = []
+    ends: list[tuple[Demonstration, int]] = []
+    for demonstration in demonstrations:
+        during = np.concatenate([[False], demonstration.labels == row, [False]])
+        edges = np.flatnonzero(during[1:] != during[:-1])
+        places += [(demonstration, int(at)) for at in edges]
+        ends += [(demonstration, int(at)) for at in edges[1::2]]
+    controlled = np.array([axis != "hold" for axis in control.axes])
+    names = ["world", *(n.removeprefix("frame_") for n in places[0][0].observations if n.startswith("frame_"))]
+    goal = _goal(ends, control.frame, entity)
+    own = [_pose(demonstration, control.frame, at) for demonstration, at in places]
+    equal = {control.frame}
+    for name in names:
+        others = [_pose(demonstration, name, at) for demonstration, at in places]
+        if _off(goal, own, others, controlled) <= TOLERANCE[entity]:
+            equal.add(name)
+    return equal
+
+
+def _goal(ends: Sequence[tuple[Demonstration, int]], frame: str, entity: str) -> Rotation | Array:
+    """Where movements end in a frame, in the mean."""
+    poses = [_pose(demonstration, frame, at) for demonstration, at in ends]
     if entity == "orientation":
-        seen = [_pose(demonstrations[m], row.frame, t)[1].inv() * _tool(demonstrations[m], t)[1] for m, t in ends]
-        goal = Rotation.concatenate(seen).mean()
-        fixed = Rotation.concatenate([b.inv() * a * goal for (_, a), (_, b) in zip(own, other, strict=True)]).mean()
-        off = [(a.inv() * b * fixed * goal.inv()).as_rotvec() for (_, a), (_, b) in zip(own, other, strict=True)]
-        return bool(np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < SAME_TURN)
-    points = [_into(_pose(demonstrations[m], row.frame, t), _tool(demonstrations[m], t)[0]) for m, t in ends]
-    mean = np.mean(points, axis=0)
-    fixed_point = np.mean([_into(b, _out(a, mean)) for a, b in zip(own, other, strict=True)], axis=0)
-    away = np.array([_into(a, _out(b, fixed_point)) - mean for a, b in zip(own, other, strict=True)])
-    controlled = np.array([axis != "hold" for axis in row.axes]) | (row.space != "cartesian")
-    return bool(np.sqrt(np.mean(away**2, axis=0))[controlled].max() < SAME_PLACE)
+        tools = [Rotation.from_quat(d.observations["tool_quaternion"][at], scalar_first=True) for d, at in ends]
+        return Rotation.concatenate([r.inv() * tool for (r, _), tool in zip(poses, tools, strict=True)]).mean()
+    seen = [d.observations["tool_position"][at] for d, at in ends]
+    return np.mean([r.inv().apply(end - p) for (r, p), end in zip(poses, seen, strict=True)], axis=0)
 
 
-def _pose(demonstration: Demonstration, frame: str, t: int) -> tuple[Array, Rotation]:
+def _off(
+    goal: Rotation | Array,
+    own: Sequence[tuple[Rotation, Array]],
+    others: Sequence[tuple[Rotation, Array]],
+    controlled: NDArray[np.bool_],
+) -> float:
+    """Root mean square of how far a goal that is constant in the teacher's frame is from being constant in another."""
+    if isinstance(goal, Rotation):
+        seen = Rotation.concatenate([r.inv() * own_r * goal for (r, _), (own_r, _) in zip(others, own, strict=True)])
+        return float(np.sqrt(np.mean((seen * seen.mean().inv()).magnitude() ** 2)))
+    wanted = [r.apply(goal) + p for r, p in own]
+    there = np.mean([r.inv().apply(x - p) for (r, p), x in zip(others, wanted, strict=True)], axis=0)
+    off = [
+        own_r.inv().apply(r.apply(there) + p - x)[controlled]
+        for (r, p), (own_r, _), x in zip(others, own, wanted, strict=True)
+    ]
+    return float(np.sqrt(np.mean(np.sum(np.square(off), axis=1))))
+
+
+def _pose(demonstration: Demonstration, frame: str, at: int) -> tuple[Rotation, Array]:
     if frame == "world":
-        return np.zeros(3), Rotation.identity()
-    row = demonstration.observations[f"frame_{frame}"][t]
-    return row[:3], Rotation.from_quat(row[3:], scalar_first=True)
+        return Rotation.identity(), np.zeros(3)
+    pose = demonstration.observations[f"frame_{frame}"][at]
+    return Rotation.from_quat(pose[3:], scalar_first=True), pose[:3]
 
 
-def _tool(demonstration: Demonstration, t: int) -> tuple[Array, Rotation]:
-    seen = demonstration.observations
-    return seen["tool_position"][t], Rotation.from_quat(seen["tool_quaternion"][t], scalar_first=True)
+def _control(demonstration: Demonstration, entity: str, at: int) -> EntityControl:
+    control: EntityControl = getattr(demonstration.primitives[demonstration.labels[at]], entity)
+    return control
 
 
-def _into(pose: tuple[Array, Rotation], point: Array) -> Array:
-    return np.asarray(pose[1].inv().apply(point - pose[0]))
+def _forces_agree(demonstration: Demonstration, at: int, primitive: EntityPrimitive) -> bool:
+    """Whether a primitive presses along the axes along which the teacher presses at a step, and along no other."""
+    control = _control(demonstration, "position", at)
+    meant = _pressed_axes(demonstration, at, control.frame, control.space, control.axes)
+    chosen = _pressed_axes(demonstration, at, primitive.space.frame, primitive.space.space, primitive.axes)
+    same = np.abs(meant @ chosen.T) > SAME_AXIS
+    return len(meant) == len(chosen) and bool(same.any(axis=0).all() and same.any(axis=1).all())
 
 
-def _out(pose: tuple[Array, Rotation], point: Array) -> Array:
-    return np.asarray(pose[1].apply(point) + pose[0])
-
-
-def _force_axes(demonstration: Demonstration, t: int, space: TaskSpace, axes: Sequence[str]) -> Array:
-    """(n, 3) world directions of the axes that are controlled by force."""
-    forced = [i for i, axis in enumerate(axes) if axis == "force"]
-    if not forced:
-        return np.empty((0, 3))
-    pose = _pose(demonstration, space.frame, t)
+def _pressed_axes(demonstration: Demonstration, at: int, frame: str, space: str, axes: Sequence[str]) -> Array:
+    """(n, 3) world directions of the axes with force."""
+    rotation, origin = _pose(demonstration, frame, at)
     directions = np.eye(3)
-    if space.space == "cylindrical":
-        x, y, _ = _into(pose, demonstration.observations["tool_position"][t])
-        radial = np.array([x, y, 0.0]) / max(np.hypot(x, y), 1e-9)
-        directions = np.array([radial, np.cross([0.0, 0.0, 1.0], radial), [0.0, 0.0, 1.0]])
-    return np.asarray(pose[1].apply(directions[forced]))
+    if space == "cylindrical":
+        x, y, _ = rotation.inv().apply(demonstration.observations["tool_position"][at] - origin)
+        c, s = np.array([x, y]) / max(float(np.hypot(x, y)), 1e-9)
+        directions = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    forced = [i for i, axis in enumerate(axes) if axis == "force"]
+    return np.asarray(rotation.apply(directions[forced])) if forced else np.empty((0, 3))
