@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
+from scipy.special import log_ndtr
 from scipy.stats import multivariate_normal
 
 from lfd_gym.errors import InvalidArgumentError
@@ -84,6 +85,37 @@ def test_erratum_3_9_the_logarithm_belongs_outside_of_the_integral() -> None:
     assert density == pytest.approx(np.log(marginal), abs=1e-8)
     inside = quad(lambda t: multivariate_normal.logpdf(x + t * v, np.zeros(2), covariance), 0.0, 50.0)[0]
     assert abs(inside - np.log(marginal)) > 1.0
+
+
+def printed_objective(x: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(3.9) with (3.8) as printed: E[log p(x | t) + log p(t | x)], for the posterior of t is its prior there."""
+    expected = e_step(x, v, covariance)
+    precision = np.linalg.inv(covariance)[:, None]
+    rate = np.sqrt((v[..., None, :] @ precision @ v[..., None])[..., 0, 0])
+    z = -(v[..., None, :] @ precision @ x[..., None])[..., 0, 0] / rate
+    off = x + expected.first[..., None] * v
+    square = (off[..., None, :] @ precision @ off[..., None])[..., 0, 0] + expected.variance * rate**2
+    around = expected.variance * rate**2 + (expected.first * rate - z) ** 2
+    log_normal = -0.5 * (square + np.linalg.slogdet(2.0 * np.pi * covariance)[1][:, None])
+    log_posterior = np.log(rate) - 0.5 * np.log(2.0 * np.pi) - log_ndtr(z) - 0.5 * around
+    return (log_normal + log_posterior).sum(axis=1)
+
+
+def test_erratum_3_8_the_posterior_of_t_is_not_its_prior() -> None:
+    """The printed M-step never lowers the likelihood with a flat prior, but often the printed one."""
+    x, v = np.random.default_rng(7).normal(size=(2, 200, 12, 2))
+    mean, covariance = np.zeros((200, 2)), np.tile(np.eye(2), (200, 1, 1))
+    fell, before, ours = np.zeros(200, dtype=bool), np.full(200, -np.inf), np.full(200, -np.inf)
+    for _ in range(30):
+        about = x - mean[:, None]
+        expected = e_step(about, v, covariance)
+        now, likelihood = printed_objective(about, v, covariance), expected.log_density.sum(axis=1)
+        assert (likelihood > ours - 1e-8).all()
+        fell |= now < before - 1e-6
+        before, ours = now, likelihood
+        shift, covariance = m_step(about, v, expected, np.ones((200, 12)), 1e-6)
+        mean = mean + shift
+    assert fell.mean() > 0.2
 
 
 def test_erratum_3_5_the_density_of_t_integrates_to_one() -> None:

@@ -1,15 +1,14 @@
 """How well a decomposition agrees with the teacher's own primitive table, which no method sees.
 
-A step counts for an entity while the teacher controls it: where all of its axes are held, nothing is there to be found.
+A step counts for an entity while the teacher controls it: where all of its axes are held, nothing is there to be found. The
+teacher's table gives a number to every goal; where it controls other axes with the same goal ("over the box, at any height"
+and "at the box"), that is another primitive, for it ends elsewhere. Both counts are kept.
 
-Frames that the data cannot tell apart count as equal. Frame g is as good as the teacher's f for a row of the table if its goal
-could as well have been constant in g: the mean goal, carried along by g instead of f, is off by no more than a human's goals
-scatter, 1 cm or 3 degrees (root mean square over beginnings and ends of the visits, along the axes that the teacher controls).
-What the hand carries is at its goal in the end, but not in the beginning: no movement can be about it. A cylindrical space is
-never equal to a Cartesian one: the paths differ.
-
-Rows that share a primitive but control other axes of it (over a box at any height, and down to it) are one primitive to the
-teacher and two movements to whoever sees them: numbers and Rand indices are given against primitives and against such controls.
+Frames that the data cannot tell apart count as equal. Frame g is as good as the teacher's f for a row of the table if its
+goal could as well have been constant in g: the mean goal, carried along by g instead of f, is off by no more than a human's
+goals scatter, 1 cm or 3 degrees (root mean square over beginnings and ends of the visits, along the axes that the teacher
+controls). What the hand carries is at its goal in the end, but not in the beginning: no movement is about it. A cylindrical
+space is never equal to a Cartesian one: the paths differ. Axes of force are compared by where they point in the world.
 """
 
 from collections.abc import Sequence
@@ -43,14 +42,14 @@ class EntityScore(NamedTuple):
     """The same, with the choice between Cartesian and cylindrical."""
     rand: float
     """Adjusted Rand index of the segments (of our segmentation, the same for all methods)."""
-    rand_controls: float
-    """The same against the teacher's controls."""
     found: int
     """Number of primitives."""
     planted: int
     """Of the teacher."""
-    planted_controls: int
-    """Its controls: primitives with the axes that they control."""
+    rand_goals: float
+    """The index where only the teacher's goals count, whatever axes it controls."""
+    planted_goals: int
+    """Number of these goals."""
 
 
 class Score(NamedTuple):
@@ -68,34 +67,29 @@ def score(demonstrations: Sequence[Demonstration], found: Decomposition) -> Scor
     """Of demonstrations with the teacher's labels."""
     entities = {entity: _entity(demonstrations, entity, part) for entity, part in found.entities.items()}
     truth = [planted(demonstration, "position") for demonstration in demonstrations]
-    axes = found.entities["position"]
-    active = [axes.active(m, len(demonstration)) for m, demonstration in enumerate(demonstrations)]
+    part = found.entities["position"]
+    active = [part.active(m, len(demonstration)) for m, demonstration in enumerate(demonstrations)]
     right: list[bool] = []
     time: list[bool] = []
     for k in sorted({int(k) for own in truth for k in own} - {NOTHING}):
         visits = [(m, int(at)) for m, own in enumerate(truth) for at in np.flatnonzero(own == k)]
         chosen = np.array([active[m][at] for m, at in visits])
-        agree = np.array(
-            [
-                _forces_agree(demonstrations[m], at, axes.primitives[j])
-                for (m, at), j in zip(visits, chosen, strict=True)
-            ]
-        )
-        time += agree.tolist()
-        right.append(bool(agree[chosen == np.argmax(np.bincount(chosen))].mean() > 0.5))
+        used = [part.primitives[j] for j in chosen]
+        agree = [_forces_agree(demonstrations[m], at, own) for (m, at), own in zip(visits, used, strict=True)]
+        time += agree
+        right.append(bool(np.mean(np.array(agree)[chosen == np.argmax(np.bincount(chosen))]) > 0.5))
     return Score(entities, all(right), float(np.mean(time)))
 
 
-def planted(demonstration: Demonstration, entity: str, per_control: bool = False) -> Integers:
-    """(T,) the entity's own primitive, or its control, of the teacher's table at every step; -1 where nothing is controlled."""
-    table, seen = [], list[EntityControl]()
-    for row in demonstration.primitives:
-        control: EntityControl | None = getattr(row, entity)
-        if control is None or all(axis == "hold" for axis in control.axes):
-            table.append(NOTHING)
-            continue
-        seen += [] if control in seen else [control]
-        table.append(seen.index(control) if per_control else control.primitive)
+def planted(demonstration: Demonstration, entity: str) -> Integers:
+    """(T,) the entity's own primitive at every step: the first row of the table with its goal and axes; -1 where nothing is
+    controlled."""
+    controls: list[EntityControl | None] = [getattr(row, entity) for row in demonstration.primitives]
+    table = []
+    for control in controls:
+        alike = [c is not None and control is not None and c[::3] == control[::3] for c in controls]
+        held = control is None or all(axis == "hold" for axis in control.axes)
+        table.append(NOTHING if held else alike.index(True))
     labels = demonstration.labels
     return np.where(labels == NO_LABEL, NOTHING, np.array(table)[labels])
 
@@ -112,22 +106,6 @@ def _entity(demonstrations: Sequence[Demonstration], entity: str, part: EntityDe
                 used = [part.primitives[k].space for k in chosen[demonstration.labels == row]]
                 frames += [float(space.frame in equal) for space in used]
                 spaces += [float(space.frame in equal and space.space == control.space) for space in used]
-    controls = [planted(demonstration, entity, per_control=True) for demonstration in demonstrations]
-    return EntityScore(
-        float(np.mean(frames)),
-        float(np.mean(spaces)),
-        _rand(demonstrations, entity, truth, active),
-        _rand(demonstrations, entity, controls, active),
-        len(part.primitives),
-        _number(truth),
-        _number(controls),
-    )
-
-
-def _rand(
-    demonstrations: Sequence[Demonstration], entity: str, truth: Sequence[Integers], active: Sequence[Integers]
-) -> float:
-    """Adjusted Rand index of the segments that the teacher controls for most of their time."""
     planted_, found_ = [], []
     for piece in segment(demonstrations, entity):
         at = slice(piece.start, piece.stop)
@@ -136,11 +114,17 @@ def _rand(
         if 2 * len(counted) > len(own):
             planted_.append(int(np.argmax(np.bincount(counted))))
             found_.append(int(np.argmax(np.bincount(chosen))))
-    return float(adjusted_rand_score(planted_, found_))
-
-
-def _number(truth: Sequence[Integers]) -> int:
-    return len({int(k) for own in truth for k in own} - {NOTHING})
+    rows = _rows(demonstrations, entity)
+    goals = [getattr(demonstrations[0].primitives[k], entity).primitive for k in planted_]
+    return EntityScore(
+        float(np.mean(frames)),
+        float(np.mean(spaces)),
+        float(adjusted_rand_score(planted_, found_)),
+        len(part.primitives),
+        len({(control.primitive, control.axes) for control in rows.values()}),
+        float(adjusted_rand_score(goals, found_)),
+        len({control.primitive for control in rows.values()}),
+    )
 
 
 def _rows(demonstrations: Sequence[Demonstration], entity: str) -> dict[int, EntityControl]:
@@ -218,7 +202,7 @@ def _forces_agree(demonstration: Demonstration, at: int, primitive: EntityPrimit
     meant = _pressed_axes(demonstration, at, control.frame, control.space, control.axes)
     chosen = _pressed_axes(demonstration, at, primitive.space.frame, primitive.space.space, primitive.axes)
     same = np.abs(meant @ chosen.T) > SAME_AXIS
-    return len(meant) == len(chosen) and bool(same.any(axis=0).all() and same.any(axis=1).all())
+    return bool(same.any(axis=0).all() and same.any(axis=1).all())
 
 
 def _pressed_axes(demonstration: Demonstration, at: int, frame: str, space: str, axes: Sequence[str]) -> Array:
