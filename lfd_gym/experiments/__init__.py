@@ -14,6 +14,9 @@ EXPERIMENTS: dict[str, str] = {
     "graphs": "lfd_gym.experiments.graphs:run",
     "classifiers": "lfd_gym.experiments.classifiers:run",
     "grasping": "lfd_gym.experiments.grasping:run",
+    "decompose-flipping": "lfd_gym.experiments.decomposition:flipping",
+    "decompose-stacking": "lfd_gym.experiments.decomposition:stacking",
+    "decompose-light-bulb": "lfd_gym.experiments.decomposition:light_bulb",
     "writing": "lfd_gym.experiments.writing:run",
     "decomposition-methods": "lfd_gym.experiments.decomposition_methods:run",
 }

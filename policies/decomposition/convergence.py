@@ -20,7 +20,7 @@ SLOW = 0.15
 """Share of a segment's peak speed below which a point's direction is noise."""
 POWER = 4.0
 """Weights (i / N)^4 toward the end of a segment, as (2.6) has them: a bow counts less."""
-POINTS = 8
+POINTS = 6
 """Points that stand for a segment: each for an equal share of the weight."""
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfcx, log_ndtr
+from scipy.special import erfcx
 from sklearn.base import BaseEstimator
 from sklearn.exceptions import ConvergenceWarning
 
@@ -26,8 +26,8 @@ from policies.decomposition.geometry import GEOMETRIES, Geometry
 
 Array = NDArray[np.float64]
 
-ASYMPTOTIC = -30.0
-"""Below this z the moments of t come from their asymptotic series: their closed forms cancel."""
+ASYMPTOTIC = 30.0
+"""Below minus this z the moments of t come from their asymptotic series: their closed forms cancel. Above it none is cut."""
 
 
 class Expected(NamedTuple):
@@ -41,19 +41,37 @@ class Expected(NamedTuple):
     """Var[t]."""
 
 
-def truncated_moments(z: ArrayLike) -> tuple[Array, Array]:
-    """Mean and second moment of t / sigma_t for t ~ N(z, 1) on t >= 0, accurate for every z.
+class Truncated(NamedTuple):
+    """t / sigma_t ~ N(z, 1) on t >= 0."""
 
-    With the hazard h = phi(z) / Phi(z) they are z + h and 1 + z (z + h); for z -> -inf 1/|z| - 2/|z|^3 + 10/|z|^5 - ...
+    log_mass: Array
+    """log Phi(z)."""
+    first: Array
+    """E[t / sigma_t] = z + h, with the hazard h = phi(z) / Phi(z)."""
+    second: Array
+    """E[(t / sigma_t)^2] = 1 + z (z + h)."""
+
+
+def truncated_normal(z: ArrayLike) -> Truncated:
+    """Accurate for every z, from one `erfcx`: Phi(z) = erfcx(-z / sqrt 2) exp(-z^2 / 2) / 2.
+
+    Far below 0 from the asymptotic series, E = 1/|z| - 2/|z|^3 + 10/|z|^5 - ...; far above nothing is cut off.
     """
     z = np.asarray(z, dtype=np.float64)
-    near = np.maximum(z, ASYMPTOTIC)
-    first = near + np.sqrt(2.0 / np.pi) / erfcx(-near / np.sqrt(2.0))
-    second = 1.0 + near * first
-    u = 1.0 / np.maximum(-z, -ASYMPTOTIC)
-    rest = u**2 * (2.0 - u**2 * (10.0 - u**2 * (74.0 - 706.0 * u**2)))
-    far = z < ASYMPTOTIC
-    return np.where(far, u * (1.0 - rest), first), np.where(far, rest, second)
+    near = np.clip(z, -ASYMPTOTIC, ASYMPTOTIC)
+    scaled = erfcx(near * -np.sqrt(0.5))
+    square = near * near
+    log_mass = np.log(0.5 * scaled) - 0.5 * square
+    first = z + np.sqrt(2.0 / np.pi) / scaled
+    second = 1.0 + z * first
+    far = z < -ASYMPTOTIC
+    if far.any():
+        u = -1.0 / z[far]
+        rest = u**2 * (2.0 - u**2 * (10.0 - u**2 * (74.0 - 706.0 * u**2)))
+        first[far], second[far] = u * (1.0 - rest), rest
+        tail = np.log1p(-(u**2) * (1.0 - u**2 * (3.0 - u**2 * (15.0 - 105.0 * u**2))))
+        log_mass[far] = np.log(u) - 0.5 / u**2 - 0.5 * np.log(2.0 * np.pi) + tail
+    return Truncated(log_mass, first, second)
 
 
 def e_step(x: Array, v: Array, covariance: Array) -> Expected:
@@ -61,18 +79,22 @@ def e_step(x: Array, v: Array, covariance: Array) -> Expected:
     d = x.shape[-1]
     factor = np.linalg.cholesky(covariance)
     whiten = np.swapaxes(np.linalg.inv(factor), -1, -2)
-    away, along = -(x @ whiten), v @ whiten
-    speed = np.sqrt((along**2).sum(axis=-1))
+    away, along = x @ whiten, v @ whiten
+    speed = np.sqrt(_dot(along, along))
     moves = speed > 0.0
     rate = np.where(moves, speed, 1.0)
-    z = (away * along).sum(axis=-1) / rate
+    z = -_dot(away, along) / rate
     log_det = 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)[..., None]
-    residual = (away**2).sum(axis=-1) - np.where(moves, z**2, 0.0)
+    residual = _dot(away, away) - z * z
+    cut = truncated_normal(z)
     log_density = -0.5 * (d * np.log(2.0 * np.pi) + log_det + residual)
-    log_density = log_density + np.where(moves, 0.5 * np.log(2.0 * np.pi) - np.log(rate) + log_ndtr(z), 0.0)
-    first, second = truncated_moments(z)
-    variance = np.maximum(second - first**2, 0.0) / rate**2
-    return Expected(log_density, np.where(moves, first / rate, 0.0), np.where(moves, variance, 0.0))
+    log_density += np.where(moves, 0.5 * np.log(2.0 * np.pi) - np.log(rate) + cut.log_mass, 0.0)
+    variance = np.maximum(cut.second - cut.first**2, 0.0) / rate**2
+    return Expected(log_density, np.where(moves, cut.first / rate, 0.0), np.where(moves, variance, 0.0))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
 def m_step(x: Array, v: Array, expected: Expected, weights: Array, floor: float) -> tuple[Array, Array]:

@@ -117,7 +117,8 @@ def statistics(observed: Observed) -> Statistics:
 
 
 def scatter(sets: Statistics, g: int, group: Group) -> Array:
-    """SS_g (..., F) about the mean."""
+    """SS_g (..., F) about the mean, and what a human scatters by at least: closer agreement is habit, not another goal."""
     n = np.maximum(sets.n, 1.0)[..., None]
     mean_part = (sets.total[..., group.part] ** 2).sum(axis=-1) / n
-    return np.maximum(sets.squares[..., g] - mean_part, 0.0)
+    least = (n - 1.0) * group.dimensions * group.least**2
+    return np.maximum(sets.squares[..., g] - mean_part, 0.0) + least

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 FORCE_THRESHOLD = 5.0
 """[N]: a weaker force is not what a primitive is about (thesis 3.5)."""
-SMALLER_FORCE = 0.5
+SMALLER_FORCE = 0.8
 """Share of the strongest axis below which a force comes along with it."""
 NOT_MOVING = 0.1
 """Along an axis whose mean speed is below this share of the entity's usual one it does not move: a thread rises, a corner

@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
 from policies.decomposition.changes import changes, together
 from policies.decomposition.result import Decomposition, EntityDecomposition
+from policies.decomposition.task_spaces import TaskSpace, coordinates
 from policies.sequence_graph import segments
 
+Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 COMMON = 3
 """What so many demonstrations have is common."""
+APART = {"position": 0.08, "orientation": 0.5}
+"""A label that ends farther than this [m], [rad] from its goal pauses on the way."""
 ENTITIES = ("position", "orientation", "hand")
 
 
@@ -62,7 +66,10 @@ def labelled(demonstrations: Sequence[Demonstration], found: Decomposition) -> L
         labels.append(result)
     labels = absorbed(labels, list(rows))
     used = sorted({int(label) for own in labels for label in own})
-    return Labels([np.searchsorted(used, own) for own in labels], tuple(_primitive(found, list(rows)[k]) for k in used))
+    labels = [np.searchsorted(used, own) for own in labels]
+    chosen = [list(rows)[k] for k in used]
+    alone = _ending_elsewhere(demonstrations, found, labels, chosen)
+    return Labels(labels, tuple(_primitive(found, row, k, alone) for k, row in enumerate(chosen)))
 
 
 def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
@@ -91,17 +98,47 @@ def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
     return result
 
 
-def control(part: EntityDecomposition, k: int) -> EntityControl:
-    """One primitive of an entity as a primitive table says it."""
+def control(part: EntityDecomposition, k: int, number: int) -> EntityControl:
+    """One primitive of an entity as a primitive table says it, under a number."""
     primitive = part.primitives[k]
-    return EntityControl(k, primitive.space.frame, primitive.space.space, primitive.axes)
+    return EntityControl(number, primitive.space.frame, primitive.space.space, primitive.axes)
 
 
-def _primitive(found: Decomposition, row: Row) -> Primitive:
+def _ending_elsewhere(
+    demonstrations: Sequence[Demonstration], found: Decomposition, labels: Sequence[Integers], rows: Sequence[Row]
+) -> set[tuple[int, str]]:
+    """Labels and entities that do not end at the goal of their primitive: where they pause on the way is a goal of its own."""
+    result = set()
+    for e, (entity, part) in enumerate(found.entities.items()):
+        spaces = {primitive.space for primitive in part.primitives} if entity in APART else set()
+        seen = {space: [coordinates(d, entity, space)[0] for d in demonstrations] for space in spaces}
+        for k, row in enumerate(rows):
+            if entity in APART:
+                goal, space = part.primitives[row.primitives[e]].goal, part.primitives[row.primitives[e]].space
+                ends = [(m, s.stop) for m, own in enumerate(labels) for s in segments(own) if s.label == k]
+                errors = [
+                    _distance(seen[space][m][t], goal, space, part.primitives[row.primitives[e]].axes) for m, t in ends
+                ]
+                if np.median(errors) > APART[entity]:
+                    result.add((k, entity))
+    return result
+
+
+def _distance(x: Array, goal: Array, space: TaskSpace, axes: Sequence[str]) -> float:
+    """Distance from a goal along the axes that are controlled [m], [rad]."""
+    if space.space == "rotation":
+        return float(np.arccos(np.clip(0.5 * (x @ goal - 1.0), -1.0, 1.0)))
+    if space.space == "cylindrical":
+        x = np.array([np.hypot(x[0], x[1]), space.radius * np.arctan2(x[1], x[0]), x[2]])
+    return float(np.linalg.norm((x - goal) * (np.array(axes) == "position")))
+
+
+def _primitive(found: Decomposition, row: Row, label: int, alone: set[tuple[int, str]]) -> Primitive:
     controls: dict[str, EntityControl | None] = dict.fromkeys(ENTITIES)
     names = {}
     for (entity, part), k in zip(found.entities.items(), row.primitives, strict=True):
-        controls[entity], names[entity] = control(part, k), f"{entity} {k + 1}"
+        number = len(part.primitives) + label if (label, entity) in alone else k
+        controls[entity], names[entity] = control(part, k, number), f"{entity} {k + 1}"
     position, orientation = controls["position"], controls["orientation"]
     assert position is not None
     assert orientation is not None

@@ -21,6 +21,8 @@ SMALLEST_EXTENT = 5.0
 """Of the box around all ends, per dimension, in units."""
 POSE_SHAPE, FORCE_SHAPE = 4.0, 50.0
 """a0 of the variances: what a pose scatters by is learned, what a force does is known."""
+LEAST = {"position": 0.0, "orientation": 0.7, "hand": 0.0}
+"""A human scatters by at least this, in units: an orientation that is done again in the same way is done by habit."""
 FORCE = slice(3, 7)
 """Where `pressing` stands behind a position."""
 FORCE_LOG_VOLUME = float(np.log(4.0 / 3.0 * np.pi * DIRECTION**3))
@@ -70,6 +72,8 @@ class Group(NamedTuple):
     """(F,) degrees of freedom that are controlled: 3 for the 9 numbers of a rotation matrix."""
     shape: float
     """a0: the prior of the variance counts as 2 a0 observations."""
+    least: float
+    """A human scatters by at least this, in units."""
 
 
 class Observed(NamedTuple):
@@ -133,12 +137,12 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
     controlled = (~held).sum(axis=1).astype(np.float64)
     if rotation:
         log_volume, controlled = np.array([np.log(8.0 * np.pi**2 / unit**3)] * len(spaces)), np.full(len(spaces), 3.0)
-    groups = [Group(slice(0, size), controlled, POSE_SHAPE)]
+    groups = [Group(slice(0, size), controlled, POSE_SHAPE, LEAST[data.entity])]
     directions = directions[:, chosen] if rotation else directions[:, chosen] * ~held
     ends, starts = ends * ~held, starts * ~held
     if data.entity == "position":
         forces = pressing(np.array([[view.force_level for view in row] for row in data.views]))[:, chosen]
-        groups.append(Group(FORCE, np.full(len(spaces), 4.0), FORCE_SHAPE))
+        groups.append(Group(FORCE, np.full(len(spaces), 4.0), FORCE_SHAPE, 0.0))
         log_volume = log_volume + FORCE_LOG_VOLUME
         ends = np.concatenate([ends, forces], axis=2)
     weights = [PRIOR[data.spaces[s.number].space] * (HOLD_SHARE if any(s.held) else 1.0) for s in spaces]

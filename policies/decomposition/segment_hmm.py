@@ -35,9 +35,9 @@ FLOOR = {"position": 0.004, "orientation": 0.02, "hand": 0.05}
 """Least standard deviation [m], [rad], [rad]."""
 START = {"position": 0.05, "orientation": 0.2, "hand": 0.2}
 """Standard deviation to begin with."""
-RESTARTS, STEPS, TOLERANCE = 4, 30, 1e-3
+RESTARTS, STEPS, TOLERANCE = 3, 25, 1e-2
 """Of Baum-Welch; it ends when the log-likelihood gains less."""
-PATIENCE = 3
+PATIENCE = 2
 """The number of states is raised until BIC has not improved so many times in a row."""
 GROUP = 3
 """Position and force have one variance each, an orientation one, a hand one: with full covariances in every space BIC finds one
