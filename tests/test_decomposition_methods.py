@@ -2,6 +2,7 @@
 
 import itertools
 
+import joblib
 import numpy as np
 import pytest
 from kinematic_world import teach
@@ -98,7 +99,8 @@ def test_more_states_are_likelier_and_bic_charges_for_them(position: EntitySegme
 
 def test_processes_change_nothing(position: EntitySegments) -> None:
     points, lengths = converging(position), sequence_lengths(position)
-    alone, together = (fit(points, lengths, "position", 2, jobs=jobs) for jobs in (1, 2))
+    with joblib.parallel_config(backend="threading"):
+        alone, together = (fit(points, lengths, "position", 2, jobs=jobs) for jobs in (1, 2))
     np.testing.assert_array_equal(alone.means, together.means)
 
 
