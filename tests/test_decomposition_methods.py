@@ -10,13 +10,13 @@ from scipy.special import logsumexp
 
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import InvalidArgumentError
-from policies.decomposition import segment_hmm
 from policies.decomposition.convergence import converging
 from policies.decomposition.hidden_markov import forward_backward, viterbi
 from policies.decomposition.methods import METHODS, method_named
 from policies.decomposition.result import Decomposition
 from policies.decomposition.segment_hmm import bic, decompose_entity, fit, padded, sequence_lengths
 from policies.decomposition.task_spaces import EntitySegments, entity_segments
+from policies.decomposition_learner import DecompositionLearner
 
 BASELINES = [name for name in METHODS if name != "bayesian"]
 
@@ -152,8 +152,14 @@ def test_a_method_that_is_none_is_named() -> None:
         method_named("dnd")
 
 
-def test_no_state_is_lost_when_there_are_more_than_segments(position: EntitySegments) -> None:
+def test_more_states_than_segments_do_no_harm(position: EntitySegments) -> None:
     few = position._replace(segments=position.segments[:2], views=position.views[:2])
     model = fit(converging(few), np.array([2]), "position", 3)
     assert np.isfinite(model.log_likelihood)
-    assert segment_hmm.RESTARTS > 1
+
+
+def test_a_skill_can_be_learned_from_the_decomposition_of_a_baseline(shown: list[Demonstration]) -> None:
+    learner = DecompositionLearner(method="tp-gmm").fit(shown[:1])
+    assert learner.decomposition_.method == "tp-gmm"
+    action, _ = learner.skill_.predict({name: rows[0] for name, rows in shown[0].observations.items()})
+    assert np.isfinite(action).all()
