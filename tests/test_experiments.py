@@ -28,10 +28,10 @@ from lfd_gym.experiments import (
     slips,
     start_equals_end,
     subsets,
-    toy,
     transitions,
     writing,
 )
+from lfd_gym.experiments import toy as toy_experiment
 from lfd_gym.experiments.learning import TEACHING
 from lfd_gym.experiments.rows import Rows
 from lfd_gym.registry import load
@@ -279,7 +279,7 @@ Run = Callable[[Path, bool, int], str]
         (omniglot.run, [(omniglot, "QUICK_LETTERS", 1)], ["| MoA |", "| least |", "Our own alphabet"]),
         (start_equals_end.run, [], ["| MoA |", "| DMP | 0.000 |"]),
         (subsets.run, [], ["| second-stage | 6 | 1 |", "| first-stage | 1 | 2 |"]),
-        (toy.run, [], ["| at the first target | 1.00 | 0.00 |", "| at the second target | 0.00 | 1.00 |"]),
+        (toy_experiment.run, [], ["| at the first target | 1.00 | 0.00 |", "| at the second target | 0.00 | 1.00 |"]),
         (moa_scaling.run, [], ["| 160 | structured |", "| 480 | proxqp |"]),
         (moa_tasks.run, [(moa_tasks, "SETUPS", {"lfd_gym/BoxStacking-v0": 1})], ["| box-stacking | 3 | 0 |"]),
     ],
