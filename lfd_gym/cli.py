@@ -112,6 +112,7 @@ def teach(
     seed: Annotated[int, typer.Option(help="Seed of the data set.")] = 0,
     noise: NoiseOption = 1.0,
     mode: ModeOption = "commanded",
+    repeat: Annotated[int, typer.Option(help="Demonstrations per setup.")] = 1,
     settings: SetOption = None,
 ) -> None:
     """Let the scripted teacher demonstrate, and keep what was measured."""
@@ -121,7 +122,7 @@ def teach(
 
     env_id, chosen = environment_id(env), parse_settings(settings)
     teacher = _teacher(env_id, noise, mode, chosen)
-    demonstrations, discarded = record(env_id, teacher, n=n, seed=seed, env_kwargs=chosen, progress=True)
+    demonstrations, discarded = record(env_id, teacher, n=n, seed=seed, env_kwargs=chosen, progress=True, repeat=repeat)
     save_demonstrations(out, demonstrations)
     print(f"{'demonstration':<15}{'seconds':>8}{'primitives':>12}")
     for demonstration in demonstrations:

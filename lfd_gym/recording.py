@@ -37,21 +37,27 @@ def record(
     seed: int,
     env_kwargs: Mapping[str, Any] | None = None,
     progress: bool = False,
+    repeat: int = 1,
 ) -> Recording:
     """Let `teacher` demonstrate until `n` attempts succeeded.
 
-    A failed attempt is discarded and the next index is tried, at most 10 n in all. Demonstration i depends on
-    (seed, i) alone. Raises InvalidArgumentError for n < 1 or a negative seed, DemonstrationError if the teacher fails
-    too often.
+    A failed attempt is discarded and the next index is tried, at most 10 n in all. Every setup is demonstrated `repeat`
+    times: the objects stand where they stood before, what is hidden varies. Demonstration i depends on (seed, i) alone,
+    and on the first one of its setup. Raises InvalidArgumentError for n < 1, a negative seed or an n that is no multiple
+    of `repeat`, DemonstrationError if the teacher fails too often.
     """
     if n < 1:
         raise InvalidArgumentError(f"{n} demonstrations were asked for; at least 1 is needed")
     if seed < 0:
         raise InvalidArgumentError(f"the seed is {seed}; it must be 0 or more")
+    if repeat < 1 or n % repeat:
+        raise InvalidArgumentError(
+            f"{n} demonstrations, {repeat} per setup; n must be a multiple of 1 or more per setup"
+        )
     env = StateRecorder(make(env_id, **(env_kwargs or {})))
     discarded: list[int] = []
     try:
-        attempts = _successes(env, teacher, seed, ATTEMPTS * n, dict(env_kwargs or {}), discarded)
+        attempts = _successes(env, teacher, seed, ATTEMPTS * n, dict(env_kwargs or {}), discarded, repeat)
         demonstrations = list(track(islice(attempts, n), n, "demonstrations", progress))
     finally:
         env.close()
@@ -90,12 +96,22 @@ def reset_seed(seed: int, index: int) -> int:
 
 
 def _successes(
-    env: StateRecorder, teacher: Any, seed: int, attempts: int, env_kwargs: dict[str, Any], discarded: list[int]
+    env: StateRecorder,
+    teacher: Any,
+    seed: int,
+    attempts: int,
+    env_kwargs: dict[str, Any],
+    discarded: list[int],
+    repeat: int,
 ) -> Iterator[Demonstration]:
+    setup, shown = None, 0
     for index in range(attempts):
-        steps = list(rollout(env, TeacherPolicy(teacher), reset_seed(seed, index)))
+        again = {"setup": setup} if shown % repeat else None
+        steps = list(rollout(env, TeacherPolicy(teacher), reset_seed(seed, index), again))
         if steps[-1].info["is_success"]:
-            yield _demonstration(env, teacher, steps, {"teach": seed, "index": index}, env_kwargs)
+            demonstration = _demonstration(env, teacher, steps, {"teach": seed, "index": index}, env_kwargs)
+            setup, shown = dict(demonstration.setup), shown + 1
+            yield demonstration
         else:
             discarded.append(index)
 

@@ -14,6 +14,7 @@ __all__ = ["LEARNERS", "SKILLS", "Skill", "load_skill"]
 
 LEARNERS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner",
+    "decomposition": "policies.decomposition_learner:DecompositionLearner",
     "moa": "policies.moa_learner:MoALearner",
     "tp-gmm": "policies.trajectory_baselines.gaussian_mixture:TPGMMLearner",
     "var-dmp": "policies.trajectory_baselines.dynamic_movement_primitives:VarDMPLearner",

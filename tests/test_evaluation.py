@@ -144,3 +144,14 @@ def test_a_teacher_that_never_succeeds_is_reported() -> None:
 def test_recording_refuses_impossible_numbers(n: int, seed: int) -> None:
     with pytest.raises(InvalidArgumentError):
         record(toy.ENV_ID, toy.PointTeacher(), n=n, seed=seed)
+
+
+def test_a_setup_is_demonstrated_again() -> None:
+    shown = record(toy.ENV_ID, toy.PointTeacher(), n=4, seed=6, repeat=2).demonstrations
+    targets = [demonstration.setup["target"]["position"][0] for demonstration in shown]
+    assert targets[0] == targets[1] != targets[2] == targets[3]
+    assert len({demonstration.seed["reset"] for demonstration in shown}) == 4
+    alone = record(toy.ENV_ID, toy.PointTeacher(), n=1, seed=6).demonstrations
+    assert np.array_equal(shown[0].actions, alone[0].actions)
+    with pytest.raises(InvalidArgumentError, match="multiple"):
+        record(toy.ENV_ID, toy.PointTeacher(), n=3, seed=6, repeat=2)

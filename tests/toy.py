@@ -31,7 +31,8 @@ class PointEnv(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[dict, dict]:
         super().reset(seed=seed)
-        self.target = self.np_random.uniform(0.5, 1.5)
+        drawn = self.np_random.uniform(0.5, 1.5)
+        self.target = options["setup"]["target"]["position"][0] if options else drawn
         self.position = 0.0
         return self.observe(), self.info()
 

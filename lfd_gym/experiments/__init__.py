@@ -19,6 +19,9 @@ EXPERIMENTS: dict[str, str] = {
     "subsets": "lfd_gym.experiments.subsets:run",
     "toy": "lfd_gym.experiments.toy:run",
     "moa-scaling": "lfd_gym.experiments.moa_scaling:run",
+    "decompose-flipping": "lfd_gym.experiments.decomposition:flipping",
+    "decompose-stacking": "lfd_gym.experiments.decomposition:stacking",
+    "decompose-light-bulb": "lfd_gym.experiments.decomposition:light_bulb",
     "writing": "lfd_gym.experiments.writing:run",
     "moa-tasks": "lfd_gym.experiments.moa_tasks:run",
 }

@@ -1,0 +1,64 @@
+"""The figure of a decomposition: signals, segments, active primitives, goals in their frames (Figures 3.7, 3.9, 3.12)."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from lfd_gym.demonstration import Demonstration
+from lfd_gym.experiments.figures import save
+from lfd_gym.report.figures import STYLE
+from policies.decomposition.result import Decomposition
+from policies.decomposition.segmentation import signals
+
+SIGMAS = 2.0
+"""Radius of the ellipses of goals, in standard deviations."""
+
+
+def draw(demonstration: Demonstration, found: Decomposition, path: Path) -> None:
+    """One demonstration of those that were decomposed (the first), and all goals of the position."""
+    colours = matplotlib.colormaps["tab20"].colors  # type: ignore[attr-defined]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(12.0, 9.0), layout="constrained")
+        grid = figure.add_gridspec(5, 3)
+        axes = [figure.add_subplot(grid[row, :2]) for row in range(5)]
+    time = np.arange(len(demonstration) + 1) * demonstration.dt
+    names = {"position": "position [m]", "orientation": "quaternion", "hand": "hand [rad]"}
+    plotted: dict[str, Any] = {entity: signals(demonstration, entity).values for entity in found.entities}
+    for ax, (entity, values) in zip((axes[0], axes[2], axes[3]), plotted.items(), strict=False):
+        ax.plot(time, values, linewidth=1.0)
+        ax.set_ylabel(names[entity])
+        for segment in found.entities[entity].data.segments:
+            if segment.demonstration == 0:
+                ax.axvline(segment.start * demonstration.dt, color="0.6", linestyle="--", linewidth=0.6)
+    axes[1].plot(time, signals(demonstration, "position").force, linewidth=1.0)
+    axes[1].set_ylabel("force [N]")
+    for height, part in enumerate(found.entities.values()):
+        for i in part.data.of(0):
+            start, stop = (t * demonstration.dt for t in part.data.segments[i][1:3])
+            k = int(part.assignment[i])
+            axes[4].barh(-height, stop - start, left=start, color=colours[k % len(colours)], edgecolor="white")
+            axes[4].text(0.5 * (start + stop), -height, str(k + 1), ha="center", va="center", fontsize=7)
+    axes[4].set_yticks([-h for h in range(len(found.entities))], list(found.entities))
+    axes[4].set_xlabel("time [s]")
+    _goals(figure.add_subplot(grid[:, 2]), found, colours)
+    save(figure, path)
+
+
+def _goals(ax: Any, found: Decomposition, colours: Any) -> None:
+    """Goals of the position, away from the origin of their frames over height, with ellipses of `SIGMAS`."""
+    part = found.entities["position"]
+    for k, primitive in enumerate(part.primitives):
+        covariance = primitive.covariance[np.ix_([0, 2], [0, 2])]
+        values, vectors = np.linalg.eigh(covariance)
+        angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        width, height = 2.0 * SIGMAS * np.sqrt(np.maximum(values[::-1], 1e-6))
+        centre = float(primitive.goal[0]), float(primitive.goal[2])
+        ax.add_patch(Ellipse(centre, width, height, angle=angle, alpha=0.5, color=colours[k % len(colours)]))
+        ax.annotate(f"{k + 1}: {primitive.space.frame} {primitive.confidence:.0%}", centre, fontsize=7)
+    ax.autoscale_view()
+    ax.set_xlabel("x or radius in its frame [m]")
+    ax.set_ylabel("z in its frame [m]")

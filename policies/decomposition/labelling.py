@@ -1,0 +1,147 @@
+"""A decomposition as labels and a primitive table: at every step the primitives of all entities at once (thesis 3.4).
+
+Every group of changes (`changes.py`) begins a label.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
+from policies.decomposition.changes import changes, together
+from policies.decomposition.result import Decomposition, EntityDecomposition
+from policies.decomposition.task_spaces import TaskSpace, coordinates
+from policies.sequence_graph import segments
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+COMMON = 3
+"""What so many demonstrations have is common."""
+APART = {"position": 0.08, "orientation": 0.5}
+"""A label that ends farther than this [m], [rad] from its goal pauses on the way."""
+ENTITIES = ("position", "orientation", "hand")
+
+
+class Row(NamedTuple):
+    """What a label stands for.
+
+    Labels of the same primitives that were begun by different entities differ: they wait for different things.
+    """
+
+    primitives: tuple[int, ...]
+    """Of every entity."""
+    begun: tuple[str, ...]
+    """Which entities began their movement with the label."""
+
+
+class Labels(NamedTuple):
+    """What the learner of sequence graphs learns from."""
+
+    labels: list[Integers]
+    """Per demonstration (T,)."""
+    primitives: tuple[Primitive, ...]
+    """Every `Row` that occurs."""
+
+
+def labelled(demonstrations: Sequence[Demonstration], found: Decomposition) -> Labels:
+    """Labels of every step, and the primitive table that they stand for."""
+    rows: dict[Row, int] = {}
+    labels = []
+    for m, (demonstration, own) in enumerate(zip(demonstrations, changes(demonstrations, found), strict=True)):
+        result = np.empty(len(demonstration), dtype=np.int64)
+        active = {entity: int(part.assignment[part.data.of(m)[0]]) for entity, part in found.entities.items()}
+        since, begun = 0, tuple(found.entities)
+        for group in together(own):
+            if group[0].step == 0:
+                active |= {change.entity: change.primitive for change in group}
+                continue
+            result[since : group[0].step] = rows.setdefault(Row(tuple(active.values()), begun), len(rows))
+            since, begun = group[0].step, tuple(e for e in found.entities if e in {change.entity for change in group})
+            active |= {change.entity: change.primitive for change in group}
+        result[since:] = rows.setdefault(Row(tuple(active.values()), begun), len(rows))
+        labels.append(result)
+    labels = absorbed(labels, list(rows))
+    used = sorted({int(label) for own in labels for label in own})
+    labels = [np.searchsorted(used, own) for own in labels]
+    chosen = [list(rows)[k] for k in used]
+    alone = _ending_elsewhere(demonstrations, found, labels, chosen)
+    return Labels(labels, tuple(_primitive(found, row, k, alone) for k, row in enumerate(chosen)))
+
+
+def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
+    """Labels of one demonstration alone give way to common ones.
+
+    A label that only one demonstration has becomes the one that at least `COMMON` demonstrations have between the same two
+    labels, if the position goes to the same goal in both: the other entities were kept from what they do there.
+    """
+    parts = [segments(own) for own in labels]
+    shown = {k: {m for m, own in enumerate(labels) if k in own} for k in range(len(rows))}
+    between: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
+    for own in parts:
+        for a, b, c in zip(own[:-2], own[1:-1], own[2:], strict=True):
+            between[a.label, c.label][b.label] += 1
+    result = [own.copy() for own in labels]
+    for m, own in enumerate(parts):
+        for a, b, c in zip(own[:-2], own[1:-1], own[2:], strict=True):
+            goal = rows[b.label].primitives[0]
+            common = [
+                k
+                for k, _ in between[a.label, c.label].most_common()
+                if rows[k].primitives[0] == goal and len(shown[k]) >= COMMON
+            ]
+            if len(shown[b.label]) == 1 and common:
+                result[m][b.start : b.stop] = common[0]
+    return result
+
+
+def control(part: EntityDecomposition, k: int, number: int) -> EntityControl:
+    """One primitive of an entity as a primitive table says it, under a number."""
+    primitive = part.primitives[k]
+    return EntityControl(number, primitive.space.frame, primitive.space.space, primitive.axes)
+
+
+def _ending_elsewhere(
+    demonstrations: Sequence[Demonstration], found: Decomposition, labels: Sequence[Integers], rows: Sequence[Row]
+) -> set[tuple[int, str]]:
+    """Labels and entities that do not end at the goal of their primitive: where they pause on the way is a goal of its own."""
+    result = set()
+    for e, (entity, part) in enumerate(found.entities.items()):
+        spaces = {primitive.space for primitive in part.primitives} if entity in APART else set()
+        seen = {space: [coordinates(d, entity, space)[0] for d in demonstrations] for space in spaces}
+        for k, row in enumerate(rows):
+            if entity in APART:
+                goal, space = part.primitives[row.primitives[e]].goal, part.primitives[row.primitives[e]].space
+                ends = [(m, s.stop) for m, own in enumerate(labels) for s in segments(own) if s.label == k]
+                errors = [
+                    _distance(seen[space][m][t], goal, space, part.primitives[row.primitives[e]].axes) for m, t in ends
+                ]
+                if np.median(errors) > APART[entity]:
+                    result.add((k, entity))
+    return result
+
+
+def _distance(x: Array, goal: Array, space: TaskSpace, axes: Sequence[str]) -> float:
+    """Distance from a goal along the axes that are controlled [m], [rad]."""
+    if space.space == "rotation":
+        return float(np.arccos(np.clip(0.5 * (x @ goal - 1.0), -1.0, 1.0)))
+    if space.space == "cylindrical":
+        x = np.array([np.hypot(x[0], x[1]), space.radius * np.arctan2(x[1], x[0]), x[2]])
+    return float(np.linalg.norm((x - goal) * (np.array(axes) == "position")))
+
+
+def _primitive(found: Decomposition, row: Row, label: int, alone: set[tuple[int, str]]) -> Primitive:
+    controls: dict[str, EntityControl | None] = dict.fromkeys(ENTITIES)
+    names = {}
+    for (entity, part), k in zip(found.entities.items(), row.primitives, strict=True):
+        number = len(part.primitives) + label if (label, entity) in alone else k
+        controls[entity], names[entity] = control(part, k, number), f"{entity} {k + 1}"
+    position, orientation = controls["position"], controls["orientation"]
+    assert position is not None
+    assert orientation is not None
+    kept = [name for entity, name in names.items() if entity not in row.begun]
+    name = ", ".join(names[entity] for entity in row.begun) + (f" (keeping {', '.join(kept)})" if kept else "")
+    return Primitive(name, position, orientation, controls["hand"])

@@ -1,0 +1,51 @@
+"""The learner of chapter 3: primitives, graph and transitions from demonstrations without labels."""
+
+import dataclasses
+from collections.abc import Sequence
+
+from lfd_gym.demonstration import Demonstration
+from policies.decomposition.bayesian import decompose
+from policies.decomposition.labelling import labelled
+from policies.decomposition.result import Decomposition
+from policies.learner import Learner
+from policies.sequence_graph_learner import SequenceGraphLearner
+from policies.skill import Skill
+
+
+class DecompositionLearner(Learner):
+    """Finds the primitives of every entity, then learns one sequence graph whose nodes activate one primitive of each (3.4).
+
+    Neither labels nor the primitive table of the demonstrations are read.
+
+    Parameters:
+        graph, classifier, kernel, C, dwell, patience: of the sequence graph, see `SequenceGraphLearner`.
+
+    Attributes:
+        decomposition_: what was found.
+    """
+
+    needs_labels = False
+    decomposition_: Decomposition
+
+    def __init__(
+        self,
+        graph: str = "global",
+        classifier: str = "svm",
+        kernel: str = "rbf",
+        C: float = 10.0,
+        dwell: float = 1.0,
+        patience: float | None = 1.0,
+    ) -> None:
+        self.graph, self.classifier, self.kernel, self.C = graph, classifier, kernel, C
+        self.dwell, self.patience = dwell, patience
+
+    def learn(self, demonstrations: Sequence[Demonstration]) -> Skill:
+        """The decomposition, then labels from it, then the skill."""
+        self.decomposition_ = decompose(demonstrations)
+        labels, primitives = labelled(demonstrations, self.decomposition_)
+        taught = [
+            dataclasses.replace(demonstration, labels=own, primitives=primitives)
+            for demonstration, own in zip(demonstrations, labels, strict=True)
+        ]
+        learner = SequenceGraphLearner(**self.get_params(), outliers="keep")
+        return learner.fit(taught).skill_

@@ -1,0 +1,109 @@
+"""Segments of demonstrations: cuts, and how segments look in task spaces."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from kinematic_world import PRIMITIVES, teach
+
+from lfd_gym import quaternion
+from lfd_gym.demonstration import Demonstration
+from policies.decomposition.segmentation import ENTITIES, segment, smooth
+from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing
+
+TURN, SHIFT = quaternion.from_rotation_vector(np.array([0.0, 0.0, 1.1])), np.array([0.1, -0.2, 0.05])
+
+
+@pytest.fixture(scope="module")
+def shown() -> list[Demonstration]:
+    return [teach(seed) for seed in (1, 2)]
+
+
+def moved(demonstration: Demonstration) -> Demonstration:
+    """The same demonstration in a turned and shifted world."""
+    seen = dict(demonstration.observations)
+    for name in ("tool_position", "frame_lid", "frame_bin"):
+        rows = seen[name].copy()
+        rows[:, :3] = [SHIFT + quaternion.rotate(TURN, row[:3]) for row in seen[name]]
+        if name != "tool_position":
+            rows[:, 3:] = [quaternion.multiply(TURN, row[3:]) for row in seen[name]]
+        seen[name] = rows
+    seen["tool_quaternion"] = np.array([quaternion.multiply(TURN, row) for row in seen["tool_quaternion"]])
+    wrench = seen["wrench"].copy()
+    wrench[:, :3] = [quaternion.rotate(TURN, row[:3]) for row in wrench]
+    seen["wrench"] = wrench
+    return dataclasses.replace(demonstration, observations=seen)
+
+
+@pytest.mark.parametrize("entity", ENTITIES)
+def test_every_sample_lies_in_one_segment(shown: list[Demonstration], entity: str) -> None:
+    parts = segment(shown, entity)
+    for m, demonstration in enumerate(shown):
+        own = [part for part in parts if part.demonstration == m]
+        assert [own[0].start, own[-1].stop] == [0, len(demonstration)]
+        assert all(a.stop == b.start and a.start < a.stop for a, b in itertools.pairwise(own))
+
+
+@pytest.mark.parametrize(
+    ("entity", "moves"), [("orientation", ["reach", "twist", "turn back"]), ("hand", ["close", "release"])]
+)
+def test_a_segment_begins_where_the_teacher_moves_the_entity(
+    shown: list[Demonstration], entity: str, moves: list[str]
+) -> None:
+    for m, demonstration in enumerate(shown):
+        cuts = np.array([part.start for part in segment(shown, entity) if part.demonstration == m])
+        begins = np.flatnonzero(np.diff(demonstration.labels, prepend=-1))
+        taught = [at for at in begins if PRIMITIVES[demonstration.labels[at]].name in moves]
+        assert all(np.abs(cuts - at).min() <= 15 for at in taught)
+        assert all(np.abs(begins - at).min() <= 15 for at in cuts)
+
+
+def test_contacts_cut_a_rest(shown: list[Demonstration]) -> None:
+    """The tool rests on the lid while it pulls: a segment begins with the pull and with its end."""
+    pressed = [np.linalg.norm(view[0].force_level) for view in entity_segments(shown, "position").views]
+    moves = [part.moves for part in segment(shown, "position")]
+    assert any(level > 1.0 and not motion for level, motion in zip(pressed, moves, strict=True))
+    assert any(level < 0.1 and not motion for level, motion in zip(pressed, moves, strict=True))
+
+
+@pytest.mark.parametrize("entity", ["position", "orientation"])
+def test_what_is_seen_in_a_frame_does_not_depend_on_where_the_scene_stands(
+    shown: list[Demonstration], entity: str
+) -> None:
+    here, there = entity_segments(shown, entity), entity_segments([moved(d) for d in shown], entity)
+    assert here.segments == there.segments
+    for f, space in enumerate(here.spaces):
+        if space.frame != "world":
+            for a, b in zip(here.views, there.views, strict=True):
+                np.testing.assert_allclose(a[f].samples, b[f].samples, atol=1e-9)
+                np.testing.assert_allclose(a[f].velocities, b[f].velocities, atol=1e-6)
+                np.testing.assert_allclose(a[f].force_level, b[f].force_level, atol=1e-9)
+
+
+def test_a_circle_about_an_axis_is_straight_in_the_cylindrical_space(shown: list[Demonstration]) -> None:
+    seen = dict(shown[0].observations)
+    turn = np.pi * np.clip((np.arange(len(seen["tool_position"])) - 50) / 100, 0.0, 1.0)
+    seen["tool_position"] = seen["frame_bin"][:, :3] + 0.3 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    data = entity_segments([dataclasses.replace(shown[0], observations=seen)], "position")
+    f = next(i for i, space in enumerate(data.spaces) if (space.frame, space.space) == ("bin", "cylindrical"))
+    view = next(seen[f] for seen, part in zip(data.views, data.segments, strict=True) if part.moves)
+    np.testing.assert_allclose(view.way, [0.0, 0.3 * np.pi, 0.0], atol=1e-3)
+    assert abs(view.log_jacobian) < 1e-3
+
+
+def test_smoothing_keeps_lines() -> None:
+    line = np.outer(np.arange(50.0), [1.0, -2.0])
+    np.testing.assert_allclose(smooth(line, 9)[10:40], line[10:40])
+
+
+def test_pressing_harder_is_pressing_the_same_way() -> None:
+    force = np.array([3.0, -4.0, 12.0])
+    np.testing.assert_allclose(pressing(force), [1.0, *(DIRECTION * force / 13.0)])
+    np.testing.assert_allclose(pressing(0.5 * force), pressing(force))
+    assert np.all(pressing(0.1 * force) == 0.0)
+
+
+def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
+    found = nearest_rotation(np.diag([1.0, 1.0, -0.2]))
+    np.testing.assert_allclose(found, np.eye(3), atol=1e-12)
