@@ -4,8 +4,10 @@ import dataclasses
 from collections.abc import Sequence
 
 from lfd_gym.demonstration import Demonstration
-from policies.decomposition.bayesian import decompose
+from lfd_gym.errors import DemonstrationError
+from policies.decomposition.checks import check_demonstrations
 from policies.decomposition.labelling import labelled
+from policies.decomposition.methods import method_named
 from policies.decomposition.result import Decomposition
 from policies.learner import Learner
 from policies.sequence_graph_learner import SequenceGraphLearner
@@ -18,6 +20,7 @@ class DecompositionLearner(Learner):
     Neither labels nor the primitive table of the demonstrations are read.
 
     Parameters:
+        method: of the decomposition, a key of `METHODS` (`decomposition/methods.py`): ours, the thesis's, or a baseline.
         graph, classifier, kernel, C, dwell, patience: of the sequence graph, see `SequenceGraphLearner`.
 
     Attributes:
@@ -29,6 +32,7 @@ class DecompositionLearner(Learner):
 
     def __init__(
         self,
+        method: str = "bayesian",
         graph: str = "global",
         classifier: str = "svm",
         kernel: str = "rbf",
@@ -36,16 +40,29 @@ class DecompositionLearner(Learner):
         dwell: float = 1.0,
         patience: float | None = 1.0,
     ) -> None:
+        self.method = method
         self.graph, self.classifier, self.kernel, self.C = graph, classifier, kernel, C
         self.dwell, self.patience = dwell, patience
 
     def learn(self, demonstrations: Sequence[Demonstration]) -> Skill:
-        """The decomposition, then labels from it, then the skill."""
-        self.decomposition_ = decompose(demonstrations)
+        """The decomposition, then labels from it, then the skill.
+
+        Raises DemonstrationError where nothing moves, nothing pauses, or the force sensor has an offset; warns with
+        `DecompositionWarning` of what will not be decomposed well.
+        """
+        check_demonstrations(demonstrations)
+        self.decomposition_ = method_named(self.method)(demonstrations)
         labels, primitives = labelled(demonstrations, self.decomposition_)
+        for i, own in enumerate(labels):
+            if (own == own[0]).all():
+                raise DemonstrationError(
+                    f"demonstration {i} is a single movement as far as can be seen; "
+                    "pause where a movement ends, at least 0.2 s, so that movements can be told apart"
+                )
         taught = [
             dataclasses.replace(demonstration, labels=own, primitives=primitives)
             for demonstration, own in zip(demonstrations, labels, strict=True)
         ]
-        learner = SequenceGraphLearner(**self.get_params(), outliers="keep")
+        of_the_graph = {name: value for name, value in self.get_params().items() if name != "method"}
+        learner = SequenceGraphLearner(**of_the_graph, outliers="keep")
         return learner.fit(taught).skill_

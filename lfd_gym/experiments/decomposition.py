@@ -97,9 +97,7 @@ def attempt(env: Any, policy: Any, seed: int) -> Attempt:
     missed = "" if solved else next((name for name, value in reached.items() if not value), "the end")
     last, placement = step.next_observation, 0.0
     if STACK[0] in last:
-        placement = max(
-            float(np.linalg.norm(last[a][:2] - last[b][:2])) for a, b in itertools.pairwise(STACK)
-        )
+        placement = max(float(np.linalg.norm(last[a][:2] - last[b][:2])) for a, b in itertools.pairwise(STACK))
     return Attempt(seed, solved, missed, steps * float(env.unwrapped.dt), placement)
 
 

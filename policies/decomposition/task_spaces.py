@@ -94,9 +94,14 @@ class EntitySegments(NamedTuple):
         return [i for i, part in enumerate(self.segments) if part.demonstration == demonstration]
 
 
-def entity_segments(demonstrations: Sequence[Demonstration], entity: str) -> EntitySegments:
-    """Segments of "position", "orientation" or "hand", in all task spaces that the tracked frames offer."""
-    parts = segment(demonstrations, entity)
+def entity_segments(
+    demonstrations: Sequence[Demonstration], entity: str, parts: Sequence[Segment] | None = None
+) -> EntitySegments:
+    """Segments of "position", "orientation" or "hand", in all task spaces that the tracked frames offer.
+
+    parts: other segments than those of `segment`.
+    """
+    parts = segment(demonstrations, entity) if parts is None else parts
     tracked = sorted(n.removeprefix("frame_") for n in demonstrations[0].observations if n.startswith("frame_"))
     kinds = {"position": ("cartesian",), "orientation": ("rotation",), "hand": ("joints",)}[entity]
     spaces = [TaskSpace(frame, kind) for frame in ("world", *tracked) for kind in kinds]
