@@ -14,6 +14,11 @@ EXPERIMENTS: dict[str, str] = {
     "graphs": "lfd_gym.experiments.graphs:run",
     "classifiers": "lfd_gym.experiments.classifiers:run",
     "grasping": "lfd_gym.experiments.grasping:run",
+    "omniglot": "lfd_gym.experiments.omniglot:run",
+    "start-equals-end": "lfd_gym.experiments.start_equals_end:run",
+    "subsets": "lfd_gym.experiments.subsets:run",
+    "toy": "lfd_gym.experiments.toy:run",
+    "moa-scaling": "lfd_gym.experiments.moa_scaling:run",
     "writing": "lfd_gym.experiments.writing:run",
     "moa-tasks": "lfd_gym.experiments.moa_tasks:run",
 }

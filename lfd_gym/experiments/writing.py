@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lfd_gym.alphabet import sample, strokes
+from lfd_gym.demonstration import Demonstration
 from lfd_gym.experiments.figures import save
 from lfd_gym.experiments.learning import demonstrations, teacher
 from lfd_gym.experiments.rows import DEVELOPMENT_SEED, FINAL_SEED, Rows, markdown, rate
@@ -20,6 +21,8 @@ from lfd_gym.registry import load
 from lfd_gym.report.figures import GOAL, STYLE
 from lfd_gym.rollout import TeacherPolicy, rollout
 from policies import LEARNERS
+from policies.features import WORLD
+from policies.moa.frames import Frames
 
 ENV_ID = "lfd_gym/Whiteboard-v0"
 METHODS = ("moa", "tp-gmm", "var-dmp", "gmr")
@@ -64,6 +67,13 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     _draw(out / "writing.png", pictures)
     header = ["method", "demonstrations", "success %", "of each teaching seed", "coverage %", "precision %"]
     return markdown([*header, "ink to stroke [mm]", "J_sparsity"], table)
+
+
+def paths(shown: Sequence[Demonstration]) -> tuple[list[Any], list[Frames]]:
+    """What the skill's path is learned from: tool points (N_m, 3), and the frames of the world and the boards."""
+    frames = ["frame_board_1", "frame_board_2"]
+    poses = [np.array([WORLD, *(one.observations[name][0] for name in frames)]) for one in shown]
+    return [one.observations["tool_position"] for one in shown], [Frames.of_poses(pose) for pose in poses]
 
 
 def _name(method: str, seed: int, n: int, **settings: Any) -> str:
