@@ -291,6 +291,11 @@ Run = Callable[[Path, bool, int], str]
         "grasping",
         "graphs",
         "writing",
+        "omniglot",
+        "start-equals-end",
+        "subsets",
+        "toy",
+        "moa-scaling",
         "moa-tasks",
     ],
 )
