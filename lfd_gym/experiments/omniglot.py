@@ -2,8 +2,9 @@
 
 `--set data=FILE` is a file of the Omniglot data set, see `lfd_gym.omniglot`; `--set alphabet=Latin` one of its alphabets.
 Without a file the letters of our own alphabet are drawn. In-sample, a model draws what it was trained with; leave-one-out, each
-drawing is drawn by a model of all others of its character. "least" is what no model with time-varying weights of start and end
-can fall below in-sample (`policies.moa.start_and_end.least_error`).
+drawing is drawn by a model of all others of its character. "least" is the best that time-varying weights of start and end can
+do in-sample (`policies.moa.start_and_end.least_error`); MoA starts with the drawing's own velocity, which they do not know. GMR
+is not told where a drawing ends, the DMP not how it starts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -88,7 +89,7 @@ def _difference(differences: Array) -> str:
 def _draw(path: Path, letters: Mapping[str, Array]) -> None:
     """Drawings and what the models make of them; the mean squared error over time below."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.4 * len(letters), 5.6), layout="constrained")
+        figure = Figure(figsize=(2.6 * len(letters), 4.4), layout="constrained")
         grid = figure.subplots(2, len(letters), squeeze=False, height_ratios=(3, 2))
     for (upper, lower), (letter, drawn) in zip(grid.T, letters.items(), strict=True):
         for x in drawn:
