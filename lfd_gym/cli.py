@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from lfd_gym.errors import InvalidArgumentError, LfdGymError
+from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 
 EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
 """Unseen setups of the demo, and the seed of the first one."""
@@ -34,7 +34,8 @@ SkillArgument = Annotated[
     str, typer.Argument(metavar="SKILL", help="Folder or file of a skill, 'teacher' or 'random'.")
 ]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An argument of the constructor (repeatable).")
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="An argument of the constructor or experiment (repeatable)."),
 ]
 NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
 ModeOption = Annotated[str, typer.Option(help="How the teacher shows it: 'commanded' or 'kinesthetic'.")]
@@ -218,13 +219,18 @@ def experiment(
     out: Annotated[Path, typer.Option(help="Folder of its rows and its table; finished rows are not made again.")],
     quick: Annotated[bool, typer.Option("--quick", help="A few episodes on development seeds.")] = False,
     jobs: JobsOption = 2,
+    settings: SetOption = None,
 ) -> None:
     """Make the table of an experiment again."""
     from lfd_gym.experiments import EXPERIMENTS
     from lfd_gym.paths import written_whole
-    from lfd_gym.registry import look_up
+    from lfd_gym.registry import arguments, look_up
 
-    table = look_up(EXPERIMENTS, "experiment", name)(out, quick, jobs)
+    run, given = look_up(EXPERIMENTS, "experiment", name), parse_settings(settings)
+    own = [argument for argument in arguments(run) if argument not in ("out", "quick", "jobs")]
+    for unknown in [argument for argument in given if argument not in own]:
+        raise InvalidArgumentError(str(UnknownNameError(f"setting of experiment '{name}'", unknown, own)))
+    table = run(out, quick, jobs, **given)
     with written_whole(out / "table.md") as temporary:
         temporary.write_text(table + "\n")
     print(table)

@@ -16,6 +16,12 @@ LEARNERS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner",
     "decomposition": "policies.decomposition_learner:DecompositionLearner",
     "moa": "policies.moa_learner:MoALearner",
+    "tp-gmm": "policies.trajectory_baselines.gaussian_mixture:TPGMMLearner",
+    "var-dmp": "policies.trajectory_baselines.dynamic_movement_primitives:VarDMPLearner",
+    "gmr": "policies.trajectory_baselines.gaussian_mixture:GMRLearner",
+    "promp": "policies.trajectory_baselines.promp:ProMPLearner",
+    "dmp": "policies.trajectory_baselines.dynamic_movement_primitives:DMPLearner",
+    "replay": "policies.trajectory_baselines.replay:ReplayLearner",
 }
 """Name of the method -> its learner."""
 SKILLS: dict[str, str] = {

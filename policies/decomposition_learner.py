@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 
 from lfd_gym.demonstration import Demonstration
+from lfd_gym.errors import DemonstrationError
+from policies.decomposition.checks import check_demonstrations
 from policies.decomposition.labelling import labelled
 from policies.decomposition.methods import method_named
 from policies.decomposition.result import Decomposition
@@ -43,9 +45,20 @@ class DecompositionLearner(Learner):
         self.dwell, self.patience = dwell, patience
 
     def learn(self, demonstrations: Sequence[Demonstration]) -> Skill:
-        """The decomposition, then labels from it, then the skill."""
+        """The decomposition, then labels from it, then the skill.
+
+        Raises DemonstrationError where nothing moves, nothing pauses, or the force sensor has an offset; warns with
+        `DecompositionWarning` of what will not be decomposed well.
+        """
+        check_demonstrations(demonstrations)
         self.decomposition_ = method_named(self.method)(demonstrations)
         labels, primitives = labelled(demonstrations, self.decomposition_)
+        for i, own in enumerate(labels):
+            if (own == own[0]).all():
+                raise DemonstrationError(
+                    f"demonstration {i} is a single movement as far as can be seen; "
+                    "pause where a movement ends, at least 0.2 s, so that movements can be told apart"
+                )
         taught = [
             dataclasses.replace(demonstration, labels=own, primitives=primitives)
             for demonstration, own in zip(demonstrations, labels, strict=True)

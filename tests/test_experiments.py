@@ -18,13 +18,20 @@ from lfd_gym.experiments import (
     graphs,
     grasping,
     judged,
+    moa_scaling,
+    moa_tasks,
+    omniglot,
     one_demonstration,
     perturbations,
     rows,
     sequence_graphs,
     slips,
+    start_equals_end,
+    subsets,
     transitions,
+    writing,
 )
+from lfd_gym.experiments import toy as toy_experiment
 from lfd_gym.experiments.learning import TEACHING
 from lfd_gym.experiments.rows import Rows
 from lfd_gym.registry import load
@@ -268,8 +275,29 @@ Run = Callable[[Path, bool, int], str]
             [(graphs, "KINDS", {"global": graphs.KINDS["global"]}), (graphs, "ORDERS", ())],
             ["| global | 3 | 1 |"],
         ),
+        (writing.run, [], ["| teacher |", "| moa | 6 |", "| gmr | 6 |", "| moa, one demonstration | 1 |"]),
+        (omniglot.run, [(omniglot, "QUICK_LETTERS", 1)], ["| MoA |", "| least |", "Our own alphabet"]),
+        (start_equals_end.run, [], ["| MoA |", "| DMP | 0.000 |"]),
+        (subsets.run, [], ["| second-stage | 6 | 1 |", "| first-stage | 1 | 2 |"]),
+        (toy_experiment.run, [], ["| at the first target | 1.00 | 0.00 |", "| at the second target | 0.00 | 1.00 |"]),
+        (moa_scaling.run, [], ["| 160 | structured |", "| 480 | proxqp |"]),
+        (moa_tasks.run, [(moa_tasks, "SETUPS", {"lfd_gym/BoxStacking-v0": 1})], ["| box-stacking | 3 | 0 |"]),
     ],
-    ids=["one-demonstration", "perturbations", "sequence-graphs", "slips", "grasping", "graphs"],
+    ids=[
+        "one-demonstration",
+        "perturbations",
+        "sequence-graphs",
+        "slips",
+        "grasping",
+        "graphs",
+        "writing",
+        "omniglot",
+        "start-equals-end",
+        "subsets",
+        "toy",
+        "moa-scaling",
+        "moa-tasks",
+    ],
 )
 def test_commands(
     run: Run, settings: list[Any], lines: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

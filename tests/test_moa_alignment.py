@@ -8,6 +8,7 @@ from lfd_gym.errors import InvalidArgumentError
 from policies.moa.alignment import align, frame_distances, warp, warped
 from policies.moa.frames import Frames, resample
 from policies.moa.parking import parked
+from policies.moa.time_warping import warping_path
 
 
 def path(n):
@@ -21,6 +22,33 @@ def test_distance_is_that_of_the_frame_in_which_points_are_nearest():
     a, b = rng.normal(size=(20, 3, 2)), rng.normal(size=(30, 3, 2))
     expected = np.array([[min(np.linalg.norm(x[k] - y[k]) for k in range(3)) for y in b] for x in a])
     np.testing.assert_allclose(frame_distances(a, b), expected, atol=1e-12)
+
+
+def cheapest(cost):
+    """The least weighted cost over all paths, one by one."""
+    n, m = cost.shape
+
+    def rest(i, j):
+        if (i, j) == (n - 1, m - 1):
+            return 0.0
+        steps = [(a, b) for a, b in ((0, 1), (1, 0), (1, 1)) if i + a < n and j + b < m]
+        return min((a + b) * cost[i + a, j + b] + rest(i + a, j + b) for a, b in steps)
+
+    return cost[0, 0] + rest(0, 0)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (6, 1), (2, 3), (5, 5), (6, 4)])
+def test_the_warping_path_is_the_cheapest_of_all(shape):
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        cost = rng.uniform(size=shape)
+        path = warping_path(cost)
+        steps = np.diff(path, axis=0)
+        assert (path[0] == 0).all()
+        assert tuple(path[-1] + 1) == shape
+        assert {tuple(step) for step in steps} <= {(0, 1), (1, 0), (1, 1)}
+        paid = cost[0, 0] + (steps.sum(axis=1) * cost[tuple(path[1:].T)]).sum()
+        assert paid == pytest.approx(cheapest(cost))
 
 
 def test_a_planted_change_of_time_is_found():

@@ -17,6 +17,12 @@ EXPERIMENTS: dict[str, str] = {
     "decompose-flipping": "lfd_gym.experiments.decomposition:flipping",
     "decompose-stacking": "lfd_gym.experiments.decomposition:stacking",
     "decompose-light-bulb": "lfd_gym.experiments.decomposition:light_bulb",
+    "omniglot": "lfd_gym.experiments.omniglot:run",
+    "start-equals-end": "lfd_gym.experiments.start_equals_end:run",
+    "subsets": "lfd_gym.experiments.subsets:run",
+    "toy": "lfd_gym.experiments.toy:run",
+    "moa-scaling": "lfd_gym.experiments.moa_scaling:run",
     "writing": "lfd_gym.experiments.writing:run",
     "decomposition-methods": "lfd_gym.experiments.decomposition_methods:run",
+    "moa-tasks": "lfd_gym.experiments.moa_tasks:run",
 }

@@ -43,7 +43,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     figure, axes = panels(len(MEASURES))
     for panel, measure in zip(axes, MEASURES, strict=True):
         _draw(panel, results, measure)
-    axes[0].legend(frameon=False, fontsize=7)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS), frameon=False)
     save(figure, out / "decomposition-methods.png")
     header = [
         "task",

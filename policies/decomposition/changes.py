@@ -31,6 +31,8 @@ NOTICED = 0.25
 """A demonstrator has noticed an event after this time [s]."""
 YIELDED = 0.03
 """What gives way leads the tool farther away than this [m]."""
+CAUSE = 0.15
+"""What makes a contact began to move at least this time [s] before."""
 AHEAD = 0.05
 """What gives way because another entity moves does so at least this time [s] after that began."""
 FITS = 0.15
@@ -116,10 +118,11 @@ def _due(
     step, near, settling = change.step, round(TOGETHER / dt), round(SETTLING / dt)
     made = any(abs(start - step) <= settling for start, _ in touching)
     lost = any(abs(stop - step) <= settling for _, stop in touching)
-    if made and any(start <= step <= stop + near // 2 for start, stop in others):
+    ahead = round(CAUSE / dt)
+    if made and any(start + ahead <= step <= stop + near // 2 for start, stop in others):
         due = next((onset for onset in onsets if onset > step), step)
         if due in own:
-            due = max(stop for start, stop in others if start <= step <= stop + near // 2)
+            due = max(stop for start, stop in others if start + ahead <= step <= stop + near // 2)
         return change._replace(step=due, reach=due + near)
     if lost and away and any(start + round(AHEAD / dt) <= step <= stop for start, stop in others):
         return change._replace(step=step + round(NOTICED / dt), event=True)

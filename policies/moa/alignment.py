@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from dtw import dtw
 from numpy.typing import NDArray
 
 from policies.moa.frames import Frames, resample
+from policies.moa.time_warping import warping_path
 
 Array = NDArray[np.float64]
 
@@ -26,9 +26,8 @@ def warp(reference: Array, other: Array) -> Array:
 
     Monotone; first and last steps match. A step of the reference with several partners gets their mean.
     """
-    path = dtw(frame_distances(reference, other))
-    count = np.bincount(path.index1, minlength=len(reference))
-    index = np.bincount(path.index1, weights=path.index2, minlength=len(reference)) / count
+    here, there = warping_path(frame_distances(reference, other)).T
+    index = np.bincount(here, weights=there) / np.bincount(here)
     index[0], index[-1] = 0.0, len(other) - 1.0
     return np.asarray(index)
 

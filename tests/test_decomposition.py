@@ -1,0 +1,192 @@
+"""Decomposition: planted primitives are found again, skills need no labels, bad input is named."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from kinematic_world import solve, teach
+from scipy.stats import invgamma
+from sklearn.metrics import adjusted_rand_score
+
+from lfd_gym import quaternion
+from lfd_gym.demonstration import Demonstration
+from lfd_gym.errors import DemonstrationError
+from policies.decomposition.bayesian import decompose
+from policies.decomposition.changes import changes, together
+from policies.decomposition.checks import DecompositionWarning
+from policies.decomposition.evidence import Evidence
+from policies.decomposition.labelling import labelled
+from policies.decomposition.observed import observe
+from policies.decomposition.result import Decomposition
+from policies.decomposition.task_spaces import entity_segments
+from policies.decomposition_learner import DecompositionLearner
+
+
+@pytest.fixture(scope="module")
+def shown() -> list[Demonstration]:
+    return [teach(seed) for seed in (3, 4, 5)]
+
+
+@pytest.fixture(scope="module")
+def found(shown: list[Demonstration]) -> Decomposition:
+    return decompose(shown)
+
+
+@pytest.fixture(scope="module")
+def learned(shown: list[Demonstration]) -> DecompositionLearner:
+    return DecompositionLearner().fit(shown)
+
+
+def planted(n_demonstrations: int, rng: np.random.Generator) -> tuple[list[Demonstration], list[int]]:
+    """Reaches to four goals, of two objects and the world, in an order of their own; and which goal each segment went to."""
+    goals = [("lid", [0.0, 0.0, 0.05]), ("bin", [0.1, 0.0, 0.2]), ("lid", [0.0, 0.15, 0.1]), ("world", [0.3, 0.1, 0.4])]
+    template, result, truth = teach(1, noise=0.0), [], []
+    for _ in range(n_demonstrations):
+        frames = {
+            name: np.r_[
+                rng.uniform(-0.3, 0.3, 2),
+                0.0,
+                quaternion.from_rotation_vector(np.array([0.0, 0.0, rng.uniform(-2, 2)])),
+            ]
+            for name in ("lid", "bin")
+        } | {"world": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])}
+        path = [np.tile([0.0, 0.0, 0.6], (3, 1))]
+        for k in (0, 1, 2, 3, 1):
+            frame, offset = frames[goals[k][0]], np.array(goals[k][1])
+            goal = frame[:3] + quaternion.rotate(frame[3:], offset) + 0.004 * rng.standard_normal(3)
+            s = np.linspace(0.0, 1.0, 60)
+            start = path[-1][-1]
+            path += [start + np.outer(s**3 * (10 - 15 * s + 6 * s**2), goal - start), np.tile(goal, (25, 1))]
+            truth.append(k)
+        position = np.concatenate(path)
+        n = len(position)
+        seen = {
+            "tool_position": position,
+            "tool_quaternion": np.tile([0.0, 0.0, 1.0, 0.0], (n, 1)),
+            "wrench": np.zeros((n, 6)),
+            "frame_lid": np.tile(frames["lid"], (n, 1)),
+            "frame_bin": np.tile(frames["bin"], (n, 1)),
+        }
+        fresh = {"rewards": np.zeros(n - 1), "labels": np.zeros(n - 1, dtype=int), "states": np.zeros((n, 1))}
+        actions = np.zeros((n - 1, template.actions.shape[1]))
+        result.append(dataclasses.replace(template, observations=seen, actions=actions, **fresh))
+    return result, truth
+
+
+def test_planted_primitives_are_found_with_their_frames() -> None:
+    demonstrations, truth = planted(4, np.random.default_rng(0))
+    position = decompose(demonstrations).entities["position"]
+    assert adjusted_rand_score(truth, position.assignment) == 1.0
+    by_goal = {truth[i]: position.primitives[k] for i, k in enumerate(position.assignment)}
+    assert [by_goal[k].space.frame for k in range(4)] == ["lid", "bin", "lid", "world"]
+    assert min(by_goal[k].confidence for k in range(4)) > 0.95
+    np.testing.assert_allclose(by_goal[0].goal, [0.0, 0.0, 0.05], atol=3 * 0.004 / np.sqrt(4))
+
+
+def test_one_segment_alone_says_nothing_about_its_rigid_frame() -> None:
+    demonstrations, _ = planted(1, np.random.default_rng(1))
+    observed = observe(entity_segments(demonstrations, "position"))
+    plain = [f for f, s in enumerate(observed.spaces) if not any(s.held)][:3]
+    log = Evidence(observed, (0.5, 0.15)).spaces(Evidence(observed, (0.5, 0.15)).single)
+    np.testing.assert_allclose(log[:, plain], log[:, plain[:1]] * np.ones(3), atol=1e-9)
+
+
+def test_evidence_of_a_pair_is_its_marginal_likelihood() -> None:
+    """Two ends in one dimension more, goal and variance integrated out numerically."""
+    demonstrations, _ = planted(2, np.random.default_rng(2))
+    observed = observe(entity_segments(demonstrations, "position"))
+    evidence = Evidence(observed, (0.5, 0.15))
+    pair = evidence.single.at([0]).plus(evidence.single.at([5]))
+    v = np.exp(np.linspace(np.log(1e-3), np.log(1e4), 4001))
+    group, f = observed.groups[0], 0
+    a, b = group.shape, group.shape * 0.5**2
+    square = float(((observed.ends[0, f, :3] - observed.ends[5, f, :3]) ** 2).sum())
+    density = invgamma(a, scale=b).pdf(v) * (2 * np.pi * v) ** -1.5 * 2**-1.5 * np.exp(-0.25 * square / v)
+    wanted = np.log(np.trapezoid(density, v))
+    a, b = observed.groups[1].shape, observed.groups[1].shape * 0.15**2
+    square = float(((observed.ends[0, f, 3:] - observed.ends[5, f, 3:]) ** 2).sum())
+    density = invgamma(a, scale=b).pdf(v) * (2 * np.pi * v) ** -2.0 * 2**-2.0 * np.exp(-0.25 * square / v)
+    wanted += np.log(np.trapezoid(density, v)) - observed.log_volume[f]
+    got = evidence.spaces(pair)[0, f] - pair.constants[0, f] - np.log(observed.prior[f])
+    assert got == pytest.approx(wanted, abs=2e-3)
+
+
+def test_what_presses_is_found(found: Decomposition) -> None:
+    pressing = [p for p in found.entities["position"].primitives if "force" in p.axes]
+    assert len(pressing) == 1
+    assert pressing[0].axes[2] == "force"
+    assert pressing[0].force[2] == pytest.approx(8.0, abs=1.0)
+    assert pressing[0].space.frame == "lid"
+
+
+def test_changes_are_grouped_without_losing_one(shown: list[Demonstration], found: Decomposition) -> None:
+    for own in changes(shown, found):
+        groups = together(own)
+        assert [change for group in groups for change in group] == own
+        steps = [group[0].step for group in groups]
+        assert steps == sorted(set(steps))
+
+
+def test_every_step_has_a_label_and_labels_name_what_is_found(shown: list[Demonstration], found: Decomposition) -> None:
+    labels, primitives = labelled(shown, found)
+    assert [len(own) for own in labels] == [len(demonstration) for demonstration in shown]
+    assert {int(k) for own in labels for k in own} == set(range(len(primitives)))
+
+
+def test_a_skill_without_labels_solves_unseen_setups(learned: DecompositionLearner) -> None:
+    assert sum(solve(learned.skill_, seed)[0] for seed in range(100, 110)) >= 9
+
+
+def test_labels_and_the_primitive_table_are_not_read(shown: list[Demonstration], learned: DecompositionLearner) -> None:
+    other = [
+        dataclasses.replace(
+            demonstration,
+            labels=np.zeros(len(demonstration), dtype=int),
+            primitives=demonstration.primitives[:1],
+            actions=np.full_like(demonstration.actions, np.nan),
+            states=np.full_like(demonstration.states, np.nan),
+        )
+        for demonstration in shown
+    ]
+    blind = DecompositionLearner().fit(other).skill_
+    first, again = learned.skill_.to_arrays()[1], blind.to_arrays()[1]
+    assert first.keys() == again.keys()
+    assert all(np.array_equal(first[name], again[name]) for name in first)
+
+
+def changed(demonstration: Demonstration, **observations: np.ndarray) -> Demonstration:
+    return dataclasses.replace(demonstration, observations=dict(demonstration.observations) | observations)
+
+
+def test_a_still_arm_is_named(shown: list[Demonstration]) -> None:
+    names = ("tool_position", "tool_quaternion", "hand_position")
+    still = {name: np.repeat(shown[0].observations[name][:1], len(shown[0]) + 1, axis=0) for name in names}
+    with pytest.raises(DemonstrationError, match="nothing moves in demonstration 0"):
+        DecompositionLearner().fit([changed(shown[0], **still, wrench=np.zeros((len(shown[0]) + 1, 6)))])
+
+
+def test_an_offset_of_the_force_sensor_is_named(shown: list[Demonstration]) -> None:
+    with pytest.raises(DemonstrationError, match="zero the force sensor"):
+        DecompositionLearner().fit([changed(shown[0], wrench=shown[0].observations["wrench"] + 5.0)])
+
+
+def test_a_missing_wrench_is_warned_of(shown: list[Demonstration]) -> None:
+    without = [
+        dataclasses.replace(d, observations={k: v for k, v in d.observations.items() if k != "wrench"}) for d in shown
+    ]
+    with pytest.warns(DecompositionWarning, match="record the wrench"):
+        DecompositionLearner().fit(without)
+
+
+def test_a_demonstration_without_a_pause_is_named(shown: list[Demonstration]) -> None:
+    n = len(shown[0]) + 1
+    turn = 0.02 * np.arange(n)
+    circle = np.stack([0.2 * np.cos(turn), 0.2 * np.sin(turn), np.full(n, 0.3)], axis=1)
+    seen = {
+        name: np.repeat(shown[0].observations[name][:1], n, axis=0) for name in ("tool_quaternion", "hand_position")
+    }
+    with (
+        pytest.warns(DecompositionWarning, match="without a pause"),
+        pytest.raises(DemonstrationError, match="pause where a movement ends"),
+    ):
+        DecompositionLearner().fit([changed(shown[0], tool_position=circle, wrench=np.zeros((n, 6)), **seen)])
