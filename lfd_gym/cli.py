@@ -156,6 +156,34 @@ def learn(
 
 
 @app.command()
+def train(
+    method: Annotated[str, typer.Argument(metavar="METHOD", help="Such as 'sac'; an unknown name lists them all.")],
+    env: EnvArgument,
+    steps: Annotated[int, typer.Option(min=1, help="Decisions, ten per simulated second.")],
+    out: Annotated[Path, typer.Option(help="Skill to write; its checkpoints and its log lie beside it.")],
+    demos: Annotated[list[Path] | None, typer.Option(help="Files of demonstrations (repeatable).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the training.")] = 0,
+    evaluate_every: Annotated[int, typer.Option(min=0, help="Decisions between evaluations; 0 for none.")] = 10_000,
+    checkpoint_every: Annotated[int, typer.Option(min=0, help="Decisions between checkpoints; 0 for none.")] = 25_000,
+    settings: SetOption = None,
+) -> None:
+    """Train a reinforcement learning agent; the same command again goes on from the last checkpoint."""
+    from lfd_gym.demonstration import load_demonstrations
+    from lfd_gym.registry import environment_id, load
+
+    env_id, chosen = environment_id(env), parse_settings(settings)
+    shown = [demonstration for path in demos or () for demonstration in load_demonstrations(path)]
+    schedule = load("policies.reinforcement.training:Schedule")(
+        steps, checkpoint_every=checkpoint_every, evaluate_every=evaluate_every, progress=True
+    )
+    trained = load("policies.reinforcement.training:train")(
+        method, env_id, schedule, _beside(out), seed=seed, demonstrations=shown, env_kwargs=chosen
+    )
+    trained.save(out)
+    print(f"{method}: {trained.metadata['decisions']} decisions in {env_id}, written to {out}")
+
+
+@app.command()
 def evaluate(
     skill: SkillArgument,
     env: EnvArgument,
@@ -288,6 +316,11 @@ def _learner(method: str, settings: dict[str, Any]) -> Any:
     learner = look_up(LEARNERS, "method", method)
     check_arguments(learner, settings, f"method '{method}'")
     return learner(**settings)
+
+
+def _beside(out: Path) -> Path:
+    """The folder of the checkpoints of the training that makes a skill."""
+    return out.with_name(out.name + ".training")
 
 
 def _policy(

@@ -3,7 +3,7 @@
 An RL skill carries its view with it, so that it runs in the native environment like any other.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -52,9 +52,14 @@ class View:
         """The view of an environment."""
         world: Any = env.unwrapped
         assert world.spec is not None
+        return cls.of_class(world.spec.id, world.action_layout, world.dt)
+
+    @classmethod
+    def of_class(cls, env_id: str, layout: ActionLayout, dt: float) -> "View":
+        """The view of a registered environment that is not made. Raises InvalidArgumentError for an unknown id."""
+        world = environment_class(env_id)
         opened, closed = tuple(map(float, world.hand_open)), tuple(map(float, world.hand_closed))
-        frames, controls = tuple(world.frames), tuple(world.controls)
-        return cls(world.spec.id, controls, frames, world.action_layout, opened, closed, float(world.dt))
+        return cls(env_id, tuple(world.controls), tuple(world.frames), layout, opened, closed, float(dt))
 
     @property
     def repeats(self) -> int:
@@ -125,7 +130,7 @@ class View:
 
     def press_direction(self, observation: Mapping[str, NDArray[Any]]) -> Array:
         """World direction (3,) of `press`, which the environment's class knows."""
-        direction: Array = press_direction(self.env_id)(observation)
+        direction: Array = environment_class(self.env_id).press_direction(observation)
         return direction
 
     def to_dict(self) -> dict[str, Any]:
@@ -139,18 +144,13 @@ class View:
         return cls(values["env_id"], layout=ActionLayout.from_dict(values["layout"]), dt=values["dt"], **lists)
 
 
-def press_direction(env_id: str) -> Callable[[Mapping[str, NDArray[Any]]], Array]:
-    """The function of an environment's class that says where a press points.
-
-    Raises InvalidArgumentError for an environment that is not registered.
-    """
+def environment_class(env_id: str) -> Any:
+    """The class of a registered environment. Raises InvalidArgumentError for an unknown id."""
     register()
-    spec = gymnasium.registry.get(env_id)
+    spec = gymnasium.registry.get(env_id.rpartition(":")[2])
     if spec is None or spec.entry_point is None:
-        raise InvalidArgumentError(f"no environment '{env_id}' is registered, so nobody knows where a press points")
-    creator: Any = load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
-    found: Callable[[Mapping[str, NDArray[Any]]], Array] = creator.press_direction
-    return found
+        raise InvalidArgumentError(f"no environment '{env_id}' is registered; its RL view is not known")
+    return load_env_creator(spec.entry_point) if isinstance(spec.entry_point, str) else spec.entry_point
 
 
 def _within(vector: Array) -> Array:

@@ -74,6 +74,11 @@ class SeededEpisodes(gymnasium.Wrapper, RecordConstructorArgs):
         gymnasium.Wrapper.__init__(self, env)
         self._next = seed
 
+    @property
+    def next_seed(self) -> int:
+        """The seed of the next episode."""
+        return self._next
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next episode; a seed that is given starts the count anew."""
         self._next = self._next if seed is None else seed

@@ -15,11 +15,14 @@ __all__ = ["LEARNERS", "SKILLS", "Skill", "load_skill"]
 LEARNERS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner",
     "moa": "policies.moa_learner:MoALearner",
+    "bc": "policies.reinforcement.behaviour_cloning:BehaviourCloning",
+    "bc-chunks": "policies.reinforcement.behaviour_cloning:ChunkedBehaviourCloning",
 }
 """Name of the method -> its learner."""
 SKILLS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
     "moa": "policies.moa_skill:MoASkill",
+    "agent": "policies.reinforcement.agent_skill:AgentSkill",
 }
 """Kind written in a skill's file -> the class that reads it."""
 
