@@ -184,6 +184,33 @@ def train(
 
 
 @app.command()
+def finetune(
+    method: Annotated[str, typer.Argument(metavar="METHOD", help="Such as 'cma'; an unknown name lists them all.")],
+    skill: Annotated[Path, typer.Argument(metavar="SKILL", help="Skill to start from.")],
+    env: EnvArgument,
+    episodes: Annotated[int, typer.Option(help="Episodes of practice, about.")],
+    out: Annotated[Path, typer.Option(help="Skill to write.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the practice.")] = 0,
+    jobs: JobsOption = 1,
+    settings: SetOption = None,
+) -> None:
+    """Let a skill practise in an environment; what became of it is kept if it does not do worse."""
+    from lfd_gym.registry import load
+    from policies import load_skill
+
+    start, chosen = load_skill(skill), parse_settings(settings)
+    practised = load("policies.reinforcement.finetuning:finetune")(
+        method, start, env, episodes, _beside(out), seed=seed, env_kwargs=chosen, jobs=jobs, progress=True
+    )
+    practised.save(out)
+    facts = practised.metadata["finetuned"]
+    before, after = facts["check"]
+    result = "kept" if facts["kept"] else "not kept, the skill is the one it started from"
+    print(f"{method}: {facts['episodes']} episodes, score {before:.3f} before and {after:.3f} after: {result}")
+    print(f"written to {out}")
+
+
+@app.command()
 def evaluate(
     skill: SkillArgument,
     env: EnvArgument,

@@ -23,6 +23,8 @@ SKILLS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
     "moa": "policies.moa_skill:MoASkill",
     "agent": "policies.reinforcement.agent_skill:AgentSkill",
+    "residual": "policies.reinforcement.residual:ResidualSkill",
+    "refined-graph": "policies.reinforcement.refined_graph:RefinedGraphSkill",
 }
 """Kind written in a skill's file -> the class that reads it."""
 

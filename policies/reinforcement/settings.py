@@ -12,7 +12,7 @@ class TrainingSettings:
     """How a method trains on the RL view."""
 
     algorithm: str
-    """"sac" or "ppo", of Stable-Baselines3."""
+    """"sac" or "ppo" of Stable-Baselines3, or "maskable-ppo" of sb3-contrib."""
     reward_type: str = "dense"
     """Of the environment."""
     demonstrations: bool = False
@@ -48,6 +48,14 @@ PPO: Mapping[str, Any] = {
 }
 _SHOWN = {**SAC, "learning_starts": 600, "gradient_steps": 8}
 _ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, reward_scale=0.01, hyperparameters=PPO)
+
+GRAPH_PPO = TrainingSettings(
+    "maskable-ppo", discount=0.998, n_envs=4, rollout=1024,
+    hyperparameters={"learning_rate": 3e-4, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.0},
+)  # fmt: skip
+"""Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
+RESIDUAL_SAC = TrainingSettings("sac", hyperparameters={**SAC, "learning_starts": 600})
+"""Of a residual around a skill, likewise."""
 
 METHODS: dict[str, TrainingSettings] = {
     "sac": TrainingSettings("sac", hyperparameters=SAC),

@@ -14,20 +14,21 @@ import numpy as np
 from gymnasium.wrappers import TransformReward
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.utils import set_random_seed
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from lfd_gym.demonstration import Demonstration, check_same_environment
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
-from lfd_gym.view import DECISION_TIME, View
+from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
 from policies.reinforcement.checkpoint import TrainingFolder
 from policies.reinforcement.demonstrated_decisions import transitions
 from policies.reinforcement.settings import TrainingSettings, method
+from policies.reinforcement.simulation_clock import SimulationClock
 from policies.skill import Skill
 
 TRAINING_SEEDS, SEEDS_PER_TRAINING = 2**34, 2**24
@@ -49,6 +50,8 @@ class Schedule:
     evaluate_every: int = 10_000
     """Decisions between two evaluations; 0 for none."""
     evaluation_episodes: int = 20
+    episodes: int = 0
+    """Stop as soon as so many were begun; 0 for never."""
     progress: bool = False
     """A bar on a terminal."""
 
@@ -68,8 +71,10 @@ class Task:
     env_kwargs: Mapping[str, Any]
     """Of the native environment in which the skill is evaluated."""
     seed: int
-    quiet: float | None = None
-    """See `SteadySACPolicy`."""
+    make: Callable[[VecEnv], Any]
+    """An untrained agent."""
+    load: Callable[[str, VecEnv], Any]
+    """The agent of a checkpoint."""
 
 
 def train(
@@ -109,12 +114,21 @@ def train(
             agent.replay_buffer.demonstrations = shown
 
     identity = {"method": name, "demonstrations": list(seeds)}
-    return run(Task(settings, env, export, prepare, env_id, env_kwargs, seed), schedule, folder, identity)
+    task = Task(
+        settings, env, export, prepare, env_id, env_kwargs, seed,
+        partial(make_agent, settings), partial(load_agent, settings),
+    )  # fmt: skip
+    return run(task, schedule, folder, identity)
 
 
 def viewed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any]) -> gymnasium.Env:
     """The RL view of an environment."""
-    return RLView(make(env_id, reward_type=reward_type, terminate_on_success=False, **env_kwargs))
+    return RLView(timed(env_id, reward_type, env_kwargs))
+
+
+def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bool = False) -> gymnasium.Env:
+    """The native environment, which counts what is simulated; `ends` says whether success ends an episode."""
+    return SimulationClock(make(env_id, reward_type=reward_type, terminate_on_success=ends, **env_kwargs))
 
 
 def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any]) -> Skill:
@@ -125,7 +139,10 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         "settings": json.loads(json.dumps(asdict(settings))),
     }  # fmt: skip
     kept = TrainingFolder(folder, job)
-    state = kept.state() or {"decisions": 0, "seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0}
+    state = kept.state() or {
+        "decisions": 0, "seconds": 0.0, "simulated_seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0,
+    }  # fmt: skip
+    simulated = state["simulated_seconds"]
     first = TRAINING_SEEDS + SEEDS_PER_TRAINING * task.seed
     stride = SEEDS_PER_TRAINING // settings.n_envs
     episodes = [SeededEpisodes(task.env(), first + i * stride + begun) for i, begun in enumerate(state["episodes"])]
@@ -133,14 +150,15 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
     set_random_seed((task.seed + state["decisions"]) % 2**32)
     latest = kept.latest()
     if latest is None:
-        agent = make_agent(settings, envs, task.quiet)
+        agent = task.make(envs)
     else:
-        agent = load_agent(settings, str(latest / "agent.zip"), envs)
+        agent = task.load(str(latest / "agent.zip"), envs)
         if hasattr(agent, "load_replay_buffer"):
             agent.load_replay_buffer(latest / "replay_buffer.pkl")
     task.prepare(agent)
     last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
-    marks = _marks(state["decisions"], last, settings.rollout, schedule)
+    ended = 0 < schedule.episodes <= sum(state["episodes"])
+    marks = [] if ended else _marks(state["decisions"], last, settings.rollout, schedule)
     for n in track(marks, len(marks), "training", schedule.progress):
         before, since = int(agent.num_timesteps), time.monotonic()
         agent.learn(n - before, reset_num_timesteps=False)
@@ -149,11 +167,15 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
             "seconds": state["seconds"] + time.monotonic() - since,
             "episodes": [env.next_seed - first - i * stride for i, env in enumerate(episodes)],
             "updates": int(agent._n_updates),
+            "simulated_seconds": simulated + sum(env.get_wrapper_attr("simulated_seconds") for env in episodes),
         }
-        if _due(before, n, last, schedule.evaluate_every):
+        ended = n == last or 0 < schedule.episodes <= sum(state["episodes"])
+        if _due(before, n, ended, schedule.evaluate_every):
             kept.append(_judged(task, task.export(agent, facts(state)), state, agent, schedule))
-        if _due(before, n, last, schedule.checkpoint_every):
+        if _due(before, n, ended, schedule.checkpoint_every):
             kept.write(agent, state)
+        if ended:
+            break
     envs.close()
     return task.export(agent, facts(state))
 
@@ -163,7 +185,7 @@ def facts(state: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "decisions": state["decisions"],
         "updates": state["updates"],
-        "simulated_hours": round(state["decisions"] * DECISION_TIME / 3600.0, 4),
+        "simulated_hours": round(state["simulated_seconds"] / 3600.0, 4),
         "seconds": round(state["seconds"], 1),
         "training_episodes": sum(state["episodes"]),
     }
@@ -177,9 +199,9 @@ def _marks(done: int, last: int, rollout: int, schedule: Schedule) -> list[int]:
     return [min(n, last) for n in range(done + step, last + step, step)]
 
 
-def _due(before: int, now: int, last: int, every: int) -> bool:
+def _due(before: int, now: int, ended: bool, every: int) -> bool:
     """Whether a multiple of `every` was passed, or the end reached; never for 0."""
-    return every > 0 and (now == last or now // every > before // every)
+    return every > 0 and (ended or now // every > before // every)
 
 
 def _judged(task: Task, skill: Skill, state: Mapping[str, Any], agent: Any, schedule: Schedule) -> dict[str, Any]:
