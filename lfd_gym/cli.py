@@ -285,6 +285,38 @@ def experiment(
 
 
 @app.command()
+def compare(
+    out: Annotated[Path, typer.Option(help="Folder of its rows, its table and its curves; finished rows are kept.")],
+    env: Annotated[list[str] | None, typer.Option(help="Task (repeatable); the five tasks if left out.")] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Learner, training method, 'teacher' or 'random' (repeatable).")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Training seeds: 0, 1, ...")] = 3,
+    demos: Annotated[
+        int | None, typer.Option(min=1, help="Demonstrations per learner; the task's number if left out.")
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Decisions per training; the task's number if left out.")
+    ] = None,
+    n: Annotated[int, typer.Option("-n", min=1, help="Setups of the evaluation.")] = 100,
+    quick: Annotated[bool, typer.Option("--quick", help="A few decisions and episodes on development seeds.")] = False,
+    jobs: JobsOption = 1,
+    backend: Annotated[str, typer.Option(help="Of joblib: 'loky', or 'ray' on a cluster.")] = "loky",
+) -> None:
+    """Compare skills and reinforcement learning on the same setups; the same command again goes on where it stopped."""
+    from lfd_gym.experiments import comparison
+    from lfd_gym.paths import written_whole
+    from lfd_gym.registry import environment_id
+
+    tasks = [environment_id(name) for name in env or [f"lfd_gym/{task}-v0" for task in comparison.TASKS]]
+    asked = comparison.Comparison(tasks, tuple(method or ()), range(seeds), n, demos, steps, backend)
+    table = comparison.compare(asked, out, quick, jobs)
+    with written_whole(out / "table.md") as temporary:
+        temporary.write_text(table + "\n")
+    print(table)
+
+
+@app.command()
 def bench(
     env: Annotated[str | None, typer.Argument(metavar="[ENV]", help="One task; all if left out.")] = None,
     json_path: Annotated[Path | None, typer.Option("--json", help="File for the figures as data.")] = None,

@@ -17,6 +17,12 @@ LEARNERS: dict[str, str] = {
     "moa": "policies.moa_learner:MoALearner",
     "bc": "policies.reinforcement.behaviour_cloning:BehaviourCloning",
     "bc-chunks": "policies.reinforcement.behaviour_cloning:ChunkedBehaviourCloning",
+    "tp-gmm": "policies.trajectory_baselines.gaussian_mixture:TPGMMLearner",
+    "var-dmp": "policies.trajectory_baselines.dynamic_movement_primitives:VarDMPLearner",
+    "gmr": "policies.trajectory_baselines.gaussian_mixture:GMRLearner",
+    "promp": "policies.trajectory_baselines.promp:ProMPLearner",
+    "dmp": "policies.trajectory_baselines.dynamic_movement_primitives:DMPLearner",
+    "replay": "policies.trajectory_baselines.replay:ReplayLearner",
 }
 """Name of the method -> its learner."""
 SKILLS: dict[str, str] = {

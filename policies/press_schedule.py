@@ -15,6 +15,8 @@ SHORTEST = 0.06
 """Contacts and gaps between them that are shorter count as chatter [s]."""
 YIELDS = 0.01
 """What moves further than this along the force [m] within one contact is no wall: it is carried, or pushed."""
+MOVES = 0.01
+"""Slower movements [m/s] have no direction."""
 REMOTENESS = 0.02
 """Of two frames in which demonstrations differ equally the nearer one counts: a distance costs as much as this share of it in
 spread."""
@@ -38,8 +40,8 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
     """The schedule of aligned demonstrations.
 
     There is contact where most demonstrations had it. Of each contact the force is one vector: the median of what was
-    measured, in the frame in which the places of the demonstrations differ least. Friction points along the strokes, now
-    here, now there, and leaves the median to the press. Where the tool moved along the force, there was no wall to press on.
+    measured across the movement, for along it there is friction, in the frame in which the places of the demonstrations
+    differ least. Where the tool moved along the force, there was no wall to press on.
 
     Args:
         local: per demonstration the points in every frame (N, F, 3) [m].
@@ -57,11 +59,21 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
     for start, stop in edges.reshape(-1, 2):
         at = slice(start, stop)
         f = int(np.argmin(_spread(points[:, at]).mean(axis=0)))
-        exerted = [-wrench[at, :3] @ a[f] for wrench, a in zip(wrenches, axes, strict=True)]
-        press = np.median(np.concatenate(exerted), axis=0)
+        exerted = np.array([-wrench[at, :3] @ a[f] for wrench, a in zip(wrenches, axes, strict=True)])
+        press = np.median(_across(exerted, points[:, at, f], dt).reshape(-1, 3), axis=0)
+        if np.linalg.norm(press) < CONTACT_FORCE:
+            continue
         if np.ptp(points[:, at, f] @ (press / np.linalg.norm(press)), axis=1).max() < YIELDS:
             force[at], frame[at] = press, f
     return PressSchedule(force, frame)
+
+
+def _across(force: Array, points: Array, dt: float) -> Array:
+    """Forces (M, N, 3) without what points along the movement of the points (M, N, 3), where it is faster than `MOVES`."""
+    velocity = np.gradient(points, dt, axis=1) if points.shape[1] > 1 else np.zeros_like(points)
+    speed = np.linalg.norm(velocity, axis=2, keepdims=True)
+    along = np.where(speed > MOVES, velocity / np.maximum(speed, MOVES), 0.0)
+    return np.asarray(force - (force * along).sum(axis=2, keepdims=True) * along)
 
 
 def _spread(points: Array) -> Array:

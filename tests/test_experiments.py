@@ -18,12 +18,14 @@ from lfd_gym.experiments import (
     graphs,
     grasping,
     judged,
+    moa_tasks,
     one_demonstration,
     perturbations,
     rows,
     sequence_graphs,
     slips,
     transitions,
+    writing,
 )
 from lfd_gym.experiments.learning import TEACHING
 from lfd_gym.experiments.rows import Rows
@@ -268,8 +270,19 @@ Run = Callable[[Path, bool, int], str]
             [(graphs, "KINDS", {"global": graphs.KINDS["global"]}), (graphs, "ORDERS", ())],
             ["| global | 3 | 1 |"],
         ),
+        (writing.run, [], ["| teacher |", "| moa | 6 |", "| gmr | 6 |", "| moa, one demonstration | 1 |"]),
+        (moa_tasks.run, [(moa_tasks, "SETUPS", {"lfd_gym/BoxStacking-v0": 1})], ["| box-stacking | 3 | 0 |"]),
     ],
-    ids=["one-demonstration", "perturbations", "sequence-graphs", "slips", "grasping", "graphs"],
+    ids=[
+        "one-demonstration",
+        "perturbations",
+        "sequence-graphs",
+        "slips",
+        "grasping",
+        "graphs",
+        "writing",
+        "moa-tasks",
+    ],
 )
 def test_commands(
     run: Run, settings: list[Any], lines: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -75,6 +75,16 @@ def test_what_gives_way_is_carried_and_not_pressed():
     assert learn_presses(still, axes, [wrench] * 3, DT).force[100] @ [0, 0, 1] == 5.0
 
 
+def test_friction_along_one_long_stroke_is_no_part_of_the_press():
+    """A force tilted by friction would point along the stroke by more than a wall allows."""
+    along = np.linspace(0.0, 0.1, 200)
+    points = np.stack([0 * along, along, 0 * along], axis=1)
+    wrench = np.zeros((200, 6))
+    wrench[:, :3] = [0.0, -0.6, 2.0]
+    force = learn_presses([points[:, None]] * 3, [np.eye(3)[None]] * 3, [wrench] * 3, DT).force
+    assert force == pytest.approx(np.tile([0.0, 0.0, -2.0], (200, 1)))
+
+
 def test_chatter_is_no_gap_in_a_contact():
     wrench = np.zeros((100, 6))
     wrench[20:80, 2], wrench[50, 2], wrench[90, 2] = 4.0, 0.0, 4.0

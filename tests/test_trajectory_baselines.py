@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from writing_world import HOME, board_pose, demonstrate, draw
+from writing_world import DT, HOME, board_pose, demonstrate, draw
 
 from lfd_gym.experiments import writing
 from lfd_gym.registry import load
-from policies import load_skill
+from policies import LEARNERS, load_skill
 from policies.moa.frames import Frames
-from policies.trajectory_baselines import BASELINES
 from policies.trajectory_baselines.dynamic_movement_primitives import fit_segments, segment_by_variance
 from policies.trajectory_baselines.gaussian_mixture import fit_mixture
 from policies.trajectory_baselines.promp import fit_promp
@@ -67,14 +66,26 @@ def test_var_dmp_finds_the_frames_and_draws_in_a_new_scene(scenes):
     local, (frames, wanted) = local_of(scenes), new_scene()
     start, frame = segment_by_variance(local, 10)
     assert list(frame) == [0, 1, 0]
-    path = fit_segments(local, start, frame, 5, goal_scaling=False).path(frames, HOME)
+    path = fit_segments(local, start, frame, 5, goal_scaling=False, dt=DT).path(frames, HOME)
     assert np.linalg.norm(path - wanted, axis=1)[120:160].max() < 0.005
+
+
+def test_a_segment_that_begins_elsewhere_is_back_on_its_path_however_long_it_is():
+    """Gains belong to the time, not to the segment: the way back takes half a second in all of them."""
+    for n in (100, 400):
+        path = np.stack([np.sin(np.linspace(0, 3, n)), np.cos(np.linspace(0, 5, n))], axis=1)
+        dmp = fit_segments(path[None, :, None], np.array([0, n]), np.array([0]), 5, goal_scaling=False, dt=DT)
+        away = dmp.path(Frames.world(2), path[0] + [0.1, 0.0]) - dmp.path(Frames.world(2), path[0])
+        assert np.linalg.norm(away[round(0.5 / DT)]) < 0.02
+        assert np.linalg.norm(away[round(1.0 / DT)]) < 1e-3
 
 
 def test_a_dmp_reproduces_one_demonstration_and_collapses_where_it_starts_at_its_goal():
     path = np.stack([FROM_REST, np.sin(3 * FROM_REST), 0.5 * FROM_REST**2], axis=1)
     whole, world = (np.array([0, N]), np.array([0])), Frames.world(3)
-    scaled, free = (fit_segments(path[None, :, None], *whole, 5, goal_scaling=scaling) for scaling in (True, False))
+    scaled, free = (
+        fit_segments(path[None, :, None], *whole, 5, goal_scaling=scaling, dt=DT) for scaling in (True, False)
+    )
     for dmp in (scaled, free):
         assert np.linalg.norm(dmp.path(world, path[0]) - path, axis=1).max() < 0.01
     goal = scaled.goal[0]
@@ -92,10 +103,10 @@ def test_a_promp_follows_its_start_as_the_demonstrations_did():
     assert np.abs(model.path(Frames.world(2), first) - wanted).max() < 0.02
 
 
-@pytest.mark.parametrize("method", BASELINES)
+@pytest.mark.parametrize("method", ["tp-gmm", "var-dmp", "gmr", "promp", "dmp", "replay"])
 def test_every_baseline_is_a_skill_with_a_file(method, tmp_path):
     parameters = {"n_components": 10} if method in ("tp-gmm", "gmr") else {}
-    skill = load(BASELINES[method])(**parameters).fit([demonstrate(seed) for seed in range(3)]).skill_
+    skill = load(LEARNERS[method])(**parameters).fit([demonstrate(seed) for seed in range(3)]).skill_
     skill.save(tmp_path / "skill.npz")
     pose = board_pose(np.random.default_rng(9))
     ends = [draw(one, pose, 2.0)[1].position for one in (skill, load_skill(tmp_path / "skill.npz"))]
@@ -105,7 +116,7 @@ def test_every_baseline_is_a_skill_with_a_file(method, tmp_path):
 
 def test_replay_is_one_of_the_demonstrations():
     shown = [demonstrate(seed) for seed in range(3)]
-    points = load(BASELINES["replay"])().fit(shown).skill_.generator.points
+    points = load(LEARNERS["replay"])().fit(shown).skill_.generator.points
     assert any(np.array_equal(points, d.observations["tool_position"]) for d in shown)
 
 

@@ -15,4 +15,6 @@ EXPERIMENTS: dict[str, str] = {
     "classifiers": "lfd_gym.experiments.classifiers:run",
     "grasping": "lfd_gym.experiments.grasping:run",
     "writing": "lfd_gym.experiments.writing:run",
+    "moa-tasks": "lfd_gym.experiments.moa_tasks:run",
+    "comparison": "lfd_gym.experiments.comparison:run",
 }

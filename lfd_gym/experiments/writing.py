@@ -1,25 +1,36 @@
-"""Words on boards that stand where they never stood before: MoA and what it is compared with (Figures 4.5 and 4.6)."""
+"""Words on boards that stand where they never stood before: MoA and what it is compared with (Figures 4.5 and 4.6).
+
+GMR knows no board, only the world; it is there to show what the frames are for.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from lfd_gym.alphabet import sample, strokes
+from lfd_gym.experiments.figures import save
 from lfd_gym.experiments.learning import demonstrations, teacher
-from lfd_gym.experiments.rows import Rows, markdown, rate
-from lfd_gym.ink import SPACING
+from lfd_gym.experiments.rows import DEVELOPMENT_SEED, FINAL_SEED, Rows, markdown, rate
+from lfd_gym.ink import HALF_SIZE, SPACING
 from lfd_gym.registry import load
+from lfd_gym.report.figures import GOAL, STYLE
 from lfd_gym.rollout import TeacherPolicy, rollout
 from policies import LEARNERS
-from policies.trajectory_baselines import BASELINES
 
 ENV_ID = "lfd_gym/Whiteboard-v0"
-METHODS = {"moa": LEARNERS["moa"], **BASELINES}
+METHODS = ("moa", "tp-gmm", "var-dmp", "gmr")
 N_DEMONSTRATIONS = 6
 TEACHING_SEEDS = range(3)
-EPISODES = 100
+EPISODES, EPISODES_OF_ONE = 100, 50
+STAGES = {"one demonstration": True, "one demonstration, no second stage": False}
+"""Skills from a single demonstration, with and without the criterion that picks one of many equal solutions."""
+PICTURED = (FINAL_SEED, DEVELOPMENT_SEED)
+"""Episodes whose ink is kept for the figure."""
+PALE = "#c9d7e6"
 
 
 class Written(NamedTuple):
@@ -31,26 +42,57 @@ class Written(NamedTuple):
     precision: float
     distance: float | None
     """Median distance of the ink to the nearest wanted stroke [m]; None without ink."""
+    boards: tuple[tuple[str, list[list[float]]], ...]
+    """Per board its word, and of the first episode the places of the ink [m]."""
 
 
 def run(out: Path, quick: bool, jobs: int) -> str:
     """Learn from six noise-1 demonstrations of each teaching seed; write on 100 boards. The teacher is shown for comparison."""
-    rows, table = Rows(out, quick, jobs), []
+    rows, seeds = Rows(out, quick, jobs), TEACHING_SEEDS[: 1 if quick else None]
     shown = rows.observed("teacher", ENV_ID, lambda: TeacherPolicy(teacher(ENV_ID, 1.0)), write, EPISODES)
-    table.append(["teacher", *_cells([shown])])
+    pictures, table = {"teacher": shown[0]["boards"]}, [["teacher", "", *_cells([shown]), ""]]
     for method in METHODS:
-        written = []
-        for seed in TEACHING_SEEDS[: 1 if quick else None]:
+        written = [_written(rows, method, seed, N_DEMONSTRATIONS, EPISODES) for seed in seeds]
+        pictures[method] = written[0][0]["boards"]
+        table.append(
+            [method, str(N_DEMONSTRATIONS), *_cells(written), _sparsity(rows, method, seeds, N_DEMONSTRATIONS)]
+        )
+    for name, second_stage in STAGES.items():
+        settings = {"second_stage": second_stage}
+        written = [_written(rows, "moa", seed, 1, EPISODES_OF_ONE, **settings) for seed in seeds]
+        table.append([f"moa, {name}", "1", *_cells(written), _sparsity(rows, "moa", seeds, 1, **settings)])
+    _draw(out / "writing.png", pictures)
+    header = ["method", "demonstrations", "success %", "of each teaching seed", "coverage %", "precision %"]
+    return markdown([*header, "ink to stroke [mm]", "J_sparsity"], table)
 
-            def skill(method: str = method, seed: int = seed) -> Any:
-                learner = load(METHODS[method])()
-                return learner.fit(demonstrations(ENV_ID, N_DEMONSTRATIONS, seed)).skill_
 
-            written.append(rows.observed(f"{method}-{seed}", ENV_ID, skill, write, EPISODES))
-        table.append([method, *_cells(written)])
-    return markdown(
-        ["method", "success %", "of each teaching seed", "coverage %", "precision %", "ink to stroke [mm]"], table
-    )
+def _name(method: str, seed: int, n: int, **settings: Any) -> str:
+    return "-".join([method, str(seed), str(n), *(f"{key}-{value}" for key, value in settings.items())])
+
+
+def _learner(method: str, seed: int, n: int, **settings: Any) -> Any:
+    return load(LEARNERS[method])(**settings).fit(demonstrations(ENV_ID, N_DEMONSTRATIONS, seed)[:n])
+
+
+def _written(rows: Rows, method: str, seed: int, n: int, episodes: int, **settings: Any) -> list[dict[str, Any]]:
+    def skill() -> Any:
+        return _learner(method, seed, n, **settings).skill_
+
+    return rows.observed(_name(method, seed, n, **settings), ENV_ID, skill, write, episodes)
+
+
+def _sparsity(rows: Rows, method: str, seeds: Sequence[int], n: int, **settings: Any) -> str:
+    """J_sparsity (4.32) of the mixtures of every teaching seed; other methods have none."""
+    if method != "moa":
+        return ""
+    values = [
+        rows.kept(
+            f"{_name(method, seed, n, **settings)}-sparsity",
+            lambda seed=seed: _learner(method, seed, n, **settings).model_.sparsity_,  # type: ignore[misc]
+        )
+        for seed in seeds
+    ]
+    return ", ".join(f"{value:.2f}" for value in values)
 
 
 def write(env: Any, policy: Any, seed: int) -> Written:
@@ -69,6 +111,10 @@ def write(env: Any, policy: Any, seed: int) -> Written:
         measures["coverage"],
         measures["precision"],
         float(np.median(off)) if off.size else None,
+        tuple(
+            (word, board.points().round(4).tolist() if seed in PICTURED else [])
+            for board, word in zip(world.boards, world.words, strict=True)
+        ),
     )
 
 
@@ -88,3 +134,21 @@ def _cells(written: Sequence[Sequence[dict[str, Any]]]) -> list[str]:
         *(f"{100.0 * np.mean([episode[name] for episode in episodes]):.1f}" for name in ("coverage", "precision")),
         f"{np.median(inked):.1f}" if inked else "no ink",
     ]
+
+
+def _draw(path: Path, pictures: dict[str, Sequence[tuple[str, Sequence[Sequence[float]]]]]) -> None:
+    """The boards of the first setup: a column for every method, the wanted strokes pale."""
+    n_boards = len(next(iter(pictures.values())))
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(2.6 * len(pictures), 1.9 * n_boards), layout="constrained")
+        grid = figure.subplots(n_boards, len(pictures), squeeze=False)
+    for column, (method, boards) in zip(grid.T, pictures.items(), strict=True):
+        column[0].set_title(method, fontsize=9)
+        for axes, (word, points) in zip(column, boards, strict=True):
+            for stroke in strokes(word):
+                axes.plot(*np.transpose(stroke), color=PALE, linewidth=6, solid_capstyle="round")
+            if points:
+                axes.plot(*np.transpose(points), ".", color=GOAL, markersize=2)
+            axes.set(xlim=(-HALF_SIZE[0], HALF_SIZE[0]), ylim=(-HALF_SIZE[1], HALF_SIZE[1]), xticks=[], yticks=[])
+            axes.set_aspect("equal")
+    save(figure, path)

@@ -64,10 +64,16 @@ class TrainingFolder:
 
     def rows(self) -> list[dict[str, Any]]:
         """The log."""
-        return [json.loads(line) for line in self.log.read_text().splitlines()] if self.log.exists() else []
+        return read_log(self.path)
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a line to the log; lines of as many or more decisions, from before a kill, are replaced."""
         kept = [old for old in self.rows() if old["decisions"] < row["decisions"]]
         with written_whole(self.log) as temporary:
             temporary.write_text("".join(json.dumps(line) + "\n" for line in [*kept, dict(row)]))
+
+
+def read_log(folder: Path) -> list[dict[str, Any]]:
+    """The lines of a training's log; none if it has not been evaluated."""
+    log = folder / "log.jsonl"
+    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []

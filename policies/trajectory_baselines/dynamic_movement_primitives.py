@@ -16,8 +16,11 @@ from policies.moa_learner import TrajectoryLearner
 
 Array = NDArray[np.float64]
 
-ALPHA, BETA, PHASE_DECAY = 25.0, 6.25, 4.0
-"""Gains of the transformation system and decay of the phase z' = -PHASE_DECAY z, over a movement of unit time."""
+ALPHA, BETA = 25.0, 6.25
+"""Gains of the transformation system [1/s]. They are the same in segments of any length: one that begins elsewhere than it was
+demonstrated to, in another scene, is back on its path after half a second."""
+PHASE_DECAY = 4.0
+"""Decay of the phase z' = -PHASE_DECAY z over a segment."""
 SMOOTHING = 7
 """Steps over which accelerations are taken."""
 SHORTEST = 20
@@ -27,7 +30,7 @@ SHORTEST = 20
 class SegmentedDMP(NamedTuple):
     """DMPs one after the other, each in a frame of its own: x'' = alpha (beta (g - x) - x') + z (g - x_0) W.
 
-    Without goal scaling the factor (g - x_0) is left out. Time runs from 0 to 1 in every segment.
+    Without goal scaling the factor (g - x_0) is left out.
     """
 
     start: NDArray[np.int64]
@@ -40,6 +43,8 @@ class SegmentedDMP(NamedTuple):
     """(N, d) the forcing term divided by z, in units of (g - x_0) where it is scaled."""
     scaled: NDArray[np.bool_]
     """() whether the forcing term is scaled by g - x_0."""
+    dt: Array
+    """() time step [s]."""
 
     def path(self, frames: Frames, first: Array) -> Array:
         """(N, d) from rest; each segment begins where, and as fast as, the last one ended."""
@@ -48,14 +53,14 @@ class SegmentedDMP(NamedTuple):
         for (begin, end), f, place in zip(pairwise(self.start), self.frame, self.goal, strict=True):
             axes, n = frames.axes[f], int(end - begin)
             x, goal = axes.T @ (position - frames.origins[f]), place
-            v = axes.T @ velocity * n
+            v = axes.T @ velocity
             scale = goal - x if self.scaled else 1.0
             forces = phase(n)[:, None] * scale * self.forcing[begin:end]
             for i in range(n):
                 rows[begin + i] = frames.origins[f] + axes @ x
-                v = v + (ALPHA * (BETA * (goal - x) - v) + forces[i]) / n
-                x = x + v / n
-            position, velocity = frames.origins[f] + axes @ x, axes @ v / n
+                v = v + (ALPHA * (BETA * (goal - x) - v) + forces[i]) * self.dt
+                x = x + v * self.dt
+            position, velocity = frames.origins[f] + axes @ x, axes @ v
         return rows
 
 
@@ -65,7 +70,7 @@ def phase(n: int) -> Array:
 
 
 def fit_segments(
-    local: Array, start: NDArray[np.int64], frame: NDArray[np.int64], step: int, goal_scaling: bool
+    local: Array, start: NDArray[np.int64], frame: NDArray[np.int64], step: int, goal_scaling: bool, dt: float
 ) -> SegmentedDMP:
     """Forcing terms from aligned points in every frame (M, N, F, d), by least squares over all demonstrations.
 
@@ -78,7 +83,7 @@ def fit_segments(
         n = paths.shape[1]
         window = min(SMOOTHING, n - 1 + n % 2)
         velocity, acceleration = (
-            savgol_filter(paths, window, min(3, window - 1), deriv=k, delta=1.0 / n, axis=1) for k in (1, 2)
+            savgol_filter(paths, window, min(3, window - 1), deriv=k, delta=dt, axis=1) for k in (1, 2)
         )
         following = local[:, min(end, local.shape[1] - 1), f]
         goal = following.mean(axis=0)
@@ -92,7 +97,7 @@ def fit_segments(
             columns.append(basis @ np.linalg.lstsq(regressors, wanted[:, :, k].ravel(), rcond=1e-10)[0])
         goals.append(goal)
         forcing.append(np.stack(columns, axis=1))
-    return SegmentedDMP(start, frame, np.array(goals), np.concatenate(forcing), np.array(goal_scaling))
+    return SegmentedDMP(start, frame, np.array(goals), np.concatenate(forcing), np.array(goal_scaling), np.array(dt))
 
 
 def segment_by_variance(local: Array, window: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -131,7 +136,7 @@ class DMPLearner(TrajectoryLearner):
         rows = zip(points, frames, warps, strict=True)
         local = np.array([frame.local(resample(x, index)) for x, frame, index in rows])
         start, frame = self.segments(local, dt)
-        return fit_segments(local, start, frame, max(round(self.spacing / dt), 1), self.goal_scaling)
+        return fit_segments(local, start, frame, max(round(self.spacing / dt), 1), self.goal_scaling, dt)
 
     def segments(self, local: Array, dt: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Where DMPs begin, and the frame of each: here the whole path in the world."""
