@@ -158,6 +158,61 @@ def learn(
 
 
 @app.command()
+def train(
+    method: Annotated[str, typer.Argument(metavar="METHOD", help="Such as 'sac'; an unknown name lists them all.")],
+    env: EnvArgument,
+    steps: Annotated[int, typer.Option(min=1, help="Decisions, ten per simulated second.")],
+    out: Annotated[Path, typer.Option(help="Skill to write; its checkpoints and its log lie beside it.")],
+    demos: Annotated[list[Path] | None, typer.Option(help="Files of demonstrations (repeatable).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the training.")] = 0,
+    evaluate_every: Annotated[int, typer.Option(min=0, help="Decisions between evaluations; 0 for none.")] = 10_000,
+    checkpoint_every: Annotated[int, typer.Option(min=0, help="Decisions between checkpoints; 0 for none.")] = 25_000,
+    settings: SetOption = None,
+) -> None:
+    """Train a reinforcement learning agent; the same command again goes on from the last checkpoint."""
+    from lfd_gym.demonstration import load_demonstrations
+    from lfd_gym.registry import environment_id, load
+
+    env_id, chosen = environment_id(env), parse_settings(settings)
+    shown = [demonstration for path in demos or () for demonstration in load_demonstrations(path)]
+    schedule = load("policies.reinforcement.training:Schedule")(
+        steps, checkpoint_every=checkpoint_every, evaluate_every=evaluate_every, progress=True
+    )
+    trained = load("policies.reinforcement.training:train")(
+        method, env_id, schedule, _beside(out), seed=seed, demonstrations=shown, env_kwargs=chosen
+    )
+    trained.save(out)
+    print(f"{method}: {trained.metadata['decisions']} decisions in {env_id}, written to {out}")
+
+
+@app.command()
+def finetune(
+    method: Annotated[str, typer.Argument(metavar="METHOD", help="Such as 'cma'; an unknown name lists them all.")],
+    skill: Annotated[Path, typer.Argument(metavar="SKILL", help="Skill to start from.")],
+    env: EnvArgument,
+    episodes: Annotated[int, typer.Option(help="Episodes of practice, about.")],
+    out: Annotated[Path, typer.Option(help="Skill to write.")],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the practice.")] = 0,
+    jobs: JobsOption = 1,
+    settings: SetOption = None,
+) -> None:
+    """Let a skill practise in an environment; what became of it is kept if it does not do worse."""
+    from lfd_gym.registry import load
+    from policies import load_skill
+
+    start, chosen = load_skill(skill), parse_settings(settings)
+    practised = load("policies.reinforcement.finetuning:finetune")(
+        method, start, env, episodes, _beside(out), seed=seed, env_kwargs=chosen, jobs=jobs, progress=True
+    )
+    practised.save(out)
+    facts = practised.metadata["finetuned"]
+    before, after = facts["check"]
+    result = "kept" if facts["kept"] else "not kept, the skill is the one it started from"
+    print(f"{method}: {facts['episodes']} episodes, score {before:.3f} before and {after:.3f} after: {result}")
+    print(f"written to {out}")
+
+
+@app.command()
 def evaluate(
     skill: SkillArgument,
     env: EnvArgument,
@@ -237,6 +292,38 @@ def experiment(
 
 
 @app.command()
+def compare(
+    out: Annotated[Path, typer.Option(help="Folder of its rows, its table and its curves; finished rows are kept.")],
+    env: Annotated[list[str] | None, typer.Option(help="Task (repeatable); the five tasks if left out.")] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Learner, training method, 'teacher' or 'random' (repeatable).")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Training seeds: 0, 1, ...")] = 3,
+    demos: Annotated[
+        int | None, typer.Option(min=1, help="Demonstrations per learner; the task's number if left out.")
+    ] = None,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Decisions per training; the task's number if left out.")
+    ] = None,
+    n: Annotated[int, typer.Option("-n", min=1, help="Setups of the evaluation.")] = 100,
+    quick: Annotated[bool, typer.Option("--quick", help="A few decisions and episodes on development seeds.")] = False,
+    jobs: JobsOption = 1,
+    backend: Annotated[str, typer.Option(help="Of joblib: 'loky', or 'ray' on a cluster.")] = "loky",
+) -> None:
+    """Compare skills and reinforcement learning on the same setups; the same command again goes on where it stopped."""
+    from lfd_gym.experiments import comparison
+    from lfd_gym.paths import written_whole
+    from lfd_gym.registry import environment_id
+
+    tasks = [environment_id(name) for name in env or [f"lfd_gym/{task}-v0" for task in comparison.TASKS]]
+    asked = comparison.Comparison(tasks, tuple(method or ()), range(seeds), n, demos, steps, backend)
+    table = comparison.compare(asked, out, quick, jobs)
+    with written_whole(out / "table.md") as temporary:
+        temporary.write_text(table + "\n")
+    print(table)
+
+
+@app.command()
 def bench(
     env: Annotated[str | None, typer.Argument(metavar="[ENV]", help="One task; all if left out.")] = None,
     json_path: Annotated[Path | None, typer.Option("--json", help="File for the figures as data.")] = None,
@@ -295,6 +382,11 @@ def _learner(method: str, settings: dict[str, Any]) -> Any:
     learner = look_up(LEARNERS, "method", method)
     check_arguments(learner, settings, f"method '{method}'")
     return learner(**settings)
+
+
+def _beside(out: Path) -> Path:
+    """The folder of the checkpoints of the training that makes a skill."""
+    return out.with_name(out.name + ".training")
 
 
 def _policy(

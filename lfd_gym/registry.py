@@ -14,7 +14,7 @@ import gymnasium
 
 from lfd_gym.errors import InvalidArgumentError, MissingExtraError, UnknownNameError
 
-EXTRAS = {"torch": "rl", "stable_baselines3": "rl"}
+EXTRAS = {"torch": "rl", "stable_baselines3": "rl", "sb3_contrib": "rl", "cma": "rl"}
 """Modules that only an extra installs, and that extra."""
 
 

@@ -16,6 +16,8 @@ LEARNERS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_learner:SequenceGraphLearner",
     "decomposition": "policies.decomposition_learner:DecompositionLearner",
     "moa": "policies.moa_learner:MoALearner",
+    "bc": "policies.reinforcement.behaviour_cloning:BehaviourCloning",
+    "bc-chunks": "policies.reinforcement.behaviour_cloning:ChunkedBehaviourCloning",
     "tp-gmm": "policies.trajectory_baselines.gaussian_mixture:TPGMMLearner",
     "var-dmp": "policies.trajectory_baselines.dynamic_movement_primitives:VarDMPLearner",
     "gmr": "policies.trajectory_baselines.gaussian_mixture:GMRLearner",
@@ -27,6 +29,9 @@ LEARNERS: dict[str, str] = {
 SKILLS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
     "moa": "policies.moa_skill:MoASkill",
+    "agent": "policies.reinforcement.agent_skill:AgentSkill",
+    "residual": "policies.reinforcement.residual:ResidualSkill",
+    "refined-graph": "policies.reinforcement.refined_graph:RefinedGraphSkill",
 }
 """Kind written in a skill's file -> the class that reads it."""
 

@@ -17,13 +17,17 @@ class Learner(BaseEstimator, ABC):
     """Base of all learners: `fit` checks the demonstrations, a subclass's `learn` does the rest.
 
     A learner may read measured signals, frames and, where it needs them, labels and the primitive table. It never reads
-    actions, reference_* observations, states or the setup: from those the answer could be read off.
+    actions, reference_* observations, states or the setup: from those the answer could be read off. Only behaviour cloning
+    does, and says so: `reads_actions`.
     """
 
     needs: tuple[str, ...] = ("tool_position", "tool_quaternion")
     """Observations that must be there."""
     needs_labels = True
     """Whether every step must be labelled and every demonstration show a transition."""
+
+    reads_actions = False
+    """Whether it imitates actions and sees the controller's reference."""
 
     skill_: Skill
 

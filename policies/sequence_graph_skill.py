@@ -119,12 +119,7 @@ class SequenceGraphSkill(Skill):
 
     def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
         """One control step: classify, then the goal of the node that is active now."""
-        seen, frames, place = self._measure(observation)
-        memory = Memory(*state)
-        if memory.node == 0:
-            memory = memory._replace(
-                position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3], anchor=seen, began=place
-            )
+        seen, frames, place, memory = self._perceive(observation, state)
         still = _is_still(seen, memory.anchor)
         memory = memory._replace(
             anchor=memory.anchor if still else seen, still=memory.still + self.dt if still else np.array(0.0)
@@ -137,6 +132,16 @@ class SequenceGraphSkill(Skill):
         action = self.layout.encode(goals.pull, goals.quaternion, force, goals.hand[: self.layout.hand_low.size])
         return action, memory._replace(**goals._asdict())
 
+    def look(self, observation: Observation, state: State) -> tuple[int, Array]:
+        """The node that is active before this step, and its features (n,)."""
+        seen, frames, place, memory = self._perceive(observation, state)
+        node = int(memory.node)
+        return node, self.features(node, seen, frames, self._named(observation, place, memory.began))
+
+    def scores(self, node: int, decision: Decision, features: Array) -> Array:
+        """Activation (C,) of every class of a node, whose decision this is."""
+        return decision.scores(features)
+
     def features(self, node: int, seen: Array, frames: Array, observed: Array) -> Array:
         """Features (n,) of a node for one measurement."""
         this, p = self.nodes[node], self.primitives
@@ -145,6 +150,16 @@ class SequenceGraphSkill(Skill):
             seen, frames, observed, this.feature_primitives, this.feature_columns, this.gains, this.sides,
             table.position_frame, table.orientation_frame, table.space, p.mean, p.goal,
         )  # fmt: skip
+
+    def _perceive(self, observation: Observation, state: State) -> tuple[Array, Array, Array, Memory]:
+        """What `_measure` returns, and the memory, which the first observation fills."""
+        seen, frames, place = self._measure(observation)
+        memory = Memory(*state)
+        if memory.node == 0:
+            memory = memory._replace(
+                position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3], anchor=seen, began=place
+            )
+        return seen, frames, place, memory
 
     def _measure(self, observation: Observation) -> tuple[Array, Array, Array]:
         """Position, quaternion and hand (11,), the frames (F, 7), and the tool point in them (F, 3)."""
@@ -172,7 +187,7 @@ class SequenceGraphSkill(Skill):
         node = self.nodes[current]
         if node.decision is None:
             return memory
-        scores = node.decision.scores(self.features(current, seen, frames, observed))
+        scores = self.scores(current, node.decision, self.features(current, seen, frames, observed))
         chosen = int(np.argmax(scores))
         lasted = memory.lasted + self.dt if chosen == memory.chosen else zero
         if memory.still > node.patience:

@@ -1,5 +1,7 @@
 """The RL view: one design for every task, from observations alone, in which finishing pays."""
 
+import json
+
 import gymnasium
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from lfd_gym.errors import InvalidActionError, InvalidArgumentError
 from lfd_gym.registry import ENVIRONMENTS, dense_id, look_up, make
 from lfd_gym.rollout import TeacherPolicy, rollout
+from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from scripted_teachers import TEACHERS
 
@@ -30,8 +33,8 @@ def test_no_motion_is_asked_for_by_a_zero_decision(env_id: str) -> None:
     env.reset(seed=100000)
     start = env.unwrapped.data.site(f"{env.unwrapped.tool}/tool").xpos.copy()
     action = np.zeros(env.action_space.shape)
-    if "grip" in env.controls:
-        action[env.controls.index("grip")] = -1.0
+    if "grip" in env.view.controls:
+        action[env.view.controls.index("grip")] = -1.0
     for _ in range(10):
         env.step(action)
     assert np.linalg.norm(env.unwrapped.data.site(f"{env.unwrapped.tool}/tool").xpos - start) < 2e-3
@@ -83,11 +86,36 @@ def test_a_press_points_from_the_tool_to_what_is_pressed(env_id: str) -> None:
     world = env.unwrapped
     observation, _ = world.reset(seed=100000)
     action = np.zeros(env.action_space.shape)
-    action[env.controls.index("press")] = 0.5
-    force = world.action_layout.decode(env.native_action(action, observation)).force
+    action[env.view.controls.index("press")] = 0.5
+    force = world.action_layout.decode(env.view.native_action(action, observation)).force
     assert np.linalg.norm(force) == pytest.approx(0.5 * world.action_layout.force_limit, rel=1e-3)
     nearest = min(
         (observation[f"frame_{f}"][:3] for f in world.frames),
         key=lambda p: np.linalg.norm(p - observation["tool_position"]),
     )
     assert force @ (nearest - observation["tool_position"]) > 0.0
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_a_decision_is_read_off_the_action_that_it_became(env_id: str) -> None:
+    """Also beyond the speed limit, where the action that the decision becomes again pulls alike."""
+    seen, rng = view(env_id).view, np.random.default_rng(0)
+    observation, _ = make(env_id).reset(seed=100000)
+    layout = seen.layout
+    observation["reference_position"] = 0.5 * (layout.workspace_low + layout.workspace_high)
+    for _ in range(20):
+        decision = rng.uniform(-0.55, 0.55, len(seen.controls))
+        read = seen.decision(seen.native_action(decision, observation), observation)
+        if "press" in seen.controls and decision[-1] <= 0.0:
+            decision[-1] = -1.0
+        assert read == pytest.approx(decision, abs=1e-5)
+    away = np.zeros(len(seen.controls))
+    away[0] = 1.0
+    far = layout.encode(layout.workspace_high * [1, 0, 0] + observation["reference_position"] * [0, 1, 1],
+                        observation["reference_quaternion"], hand=np.full(layout.hand_low.size, 0.5))  # fmt: skip
+    assert seen.decision(far, observation)[:3] == pytest.approx(away[:3], abs=1e-4)
+
+
+def test_a_view_survives_json() -> None:
+    seen = view("light-bulb").view
+    assert View.from_dict(json.loads(json.dumps(seen.to_dict()))) == seen

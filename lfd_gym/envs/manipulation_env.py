@@ -247,10 +247,14 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._held = self._held + self.dt if holds else 0.0
         info = self._info(holds)
         terminated = info["broken"] or (self.terminate_on_success and info["is_success"])
-        reward = 1.0 if info["is_success"] else 0.95 * self.progress() if self.reward_type == "dense" else 0.0
+        reward = self._reward(info["is_success"])
         if self.render_mode == "human":
             self.render()
         return observation, reward, terminated, bool(data.time >= self.time_limit - 1e-9), info
+
+    def reward(self) -> float:
+        """What the last step into the present state pays; the same after `set_state`."""
+        return self._reward(self._info(self.succeeded())["is_success"])
 
     def render(self) -> NDArray[np.uint8] | None:
         """An image (height, width, 3) in mode "rgb_array"; a viewer window in mode "human"."""
@@ -415,6 +419,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         slips = schedule.slips(time)
         self.model.geom_friction[self._tips, 0] = SLIPPERY if slips else self._tip_friction
         self.model.geom_priority[self._tips] = 2 if slips else 0
+
+    def _reward(self, success: bool) -> float:
+        return 1.0 if success else 0.95 * self.progress() if self.reward_type == "dense" else 0.0
 
     def _info(self, holds: bool) -> dict[str, Any]:
         success = holds and self._held >= HOLD_TIME - 1e-9

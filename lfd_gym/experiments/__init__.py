@@ -25,4 +25,5 @@ EXPERIMENTS: dict[str, str] = {
     "writing": "lfd_gym.experiments.writing:run",
     "decomposition-methods": "lfd_gym.experiments.decomposition_methods:run",
     "moa-tasks": "lfd_gym.experiments.moa_tasks:run",
+    "comparison": "lfd_gym.experiments.comparison:run",
 }

@@ -34,12 +34,27 @@ class Rows:
 
     def kept(self, name: str, result: Callable[[], Any]) -> Any:
         """The JSON value of a row, from `result()` if it is not there yet."""
-        path = (self.out / "quick" if self.quick else self.out) / f"{name}.json"
-        if not path.exists():
-            text = _text(result())
-            with written_whole(path) as temporary:
-                temporary.write_text(text)
-        return json.loads(path.read_text())
+        if not self.exists(name):
+            self.write(name, result())
+        return json.loads(self._path(name).read_text())
+
+    @property
+    def folder(self) -> Path:
+        """Where the rows lie."""
+        return self.out / "quick" if self.quick else self.out
+
+    def exists(self, name: str) -> bool:
+        """Whether a row is there."""
+        return self._path(name).exists()
+
+    def write(self, name: str, value: Any) -> None:
+        """Write a row, which is there whole or not at all."""
+        text = _text(value)
+        with written_whole(self._path(name)) as temporary:
+            temporary.write_text(text)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.json"
 
     def evaluated(
         self,

@@ -1,0 +1,157 @@
+"""What a comparison shows: its table with paired tests, and learning curves."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.evaluation import Z_95, wilson_interval
+from lfd_gym.experiments.figures import curve, panels, save
+from lfd_gym.experiments.rows import markdown, success
+from lfd_gym.registry import kebab_case
+from lfd_gym.versions import versions
+from policies.sequence_graph_drawing import COLOURS
+
+Row = Mapping[str, Any]
+ABSCISSAE = {"simulated_hours": "simulated hours", "seconds": "wall-clock [s]"}
+"""Of the learning curves."""
+SCHEMA = "lfd_gym.comparison/1"
+
+
+class Paired(NamedTuple):
+    """A method against another one on the same setups."""
+
+    difference: float
+    """Of the success rates."""
+    low: float
+    high: float
+    """95 % interval, from the spread over setups."""
+    p: float
+    """Of no difference: both methods' results exchanged at random, setup by setup."""
+
+
+def paired(one: NDArray[np.float64], other: NDArray[np.float64], seed: int = 0, resamples: int = 9999) -> Paired:
+    """Compare success rates (N,) on N setups, each the mean over training seeds.
+
+    The interval is that of the mean of N differences; the test flips their signs (all 2^N of them if there are few).
+    """
+    from scipy.stats import permutation_test
+
+    d = one - other
+    mean = float(d.mean())
+    half = Z_95 * float(d.std(ddof=1)) / np.sqrt(len(d)) if len(d) > 1 else 1.0
+    if len(d) < 2 or not d.any():
+        return Paired(mean, mean - half, mean + half, 1.0)
+    test = permutation_test(
+        (d,), _mean, permutation_type="samples", vectorized=True, n_resamples=resamples, rng=np.random.default_rng(seed)
+    )
+    return Paired(mean, mean - half, mean + half, float(test.pvalue))
+
+
+def by_setup(rows: Sequence[Row]) -> NDArray[np.float64]:
+    """Success rate (N,) on every setup over the rows of one method."""
+    return np.mean([[float(e["success"]) for e in row["report"]["episodes"]] for row in rows], axis=0)
+
+
+def grouped(rows: Sequence[Row]) -> dict[str, dict[str, list[Row]]]:
+    """Rows by task and method, in their order."""
+    tasks: dict[str, dict[str, list[Row]]] = {}
+    for row in rows:
+        tasks.setdefault(row["job"]["env_id"], {}).setdefault(row["job"]["method"], []).append(row)
+    return tasks
+
+
+def table(rows: Sequence[Row]) -> str:
+    """One line per task and method; the first method of a task is what its others are tested against."""
+    lines = []
+    for env_id, methods in grouped(rows).items():
+        first, reference = next(iter(methods.items()))
+        for method, own in methods.items():
+            versus = "" if method == first else _points(paired(by_setup(own), by_setup(reference)))
+            rates = [f"{100 * row['report']['success_rate']:.0f}" for row in own]
+            facts = [_mean_fact(own, name) for name in ("demonstrations", "simulated_hours", "decisions", "updates")]
+            shown = [f"{facts[0]:.0f}", f"{facts[1]:.3g}", f"{facts[2]:.0f}", f"{facts[3]:.0f}"]
+            lines.append(
+                [
+                    kebab_case(env_id), method, success([row["report"] for row in own]), ", ".join(rates), versus, *shown,
+                    f"{_mean_fact(own, 'seconds') / 60.0:.3g}", str(len(own[0]["report"]["episodes"])),
+                ]
+            )  # fmt: skip
+    header = [
+        "task", "method", "success %", "per seed", "minus the first method, points", "demonstrations", "simulated h",
+        "decisions", "updates", "wall-clock min", "setups",
+    ]  # fmt: skip
+    return markdown(header, lines)
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """The comparison as JSON values: per task and method what the table says."""
+    methods = []
+    for env_id, by_method in grouped(rows).items():
+        reference = by_setup(next(iter(by_method.values())))
+        for method, own in by_method.items():
+            successes = sum(e["success"] for row in own for e in row["report"]["episodes"])
+            n = sum(len(row["report"]["episodes"]) for row in own)
+            facts = {name: _mean_fact(own, name) for name in own[0]["facts"]}
+            methods.append(
+                {
+                    "env_id": env_id, "method": method, "seeds": [row["job"]["seed"] for row in own],
+                    "evaluation_seeds": [e["seed"] for e in own[0]["report"]["episodes"]],
+                    "success_rate": successes / n, "wilson": list(wilson_interval(successes, n)),
+                    "per_seed": [row["report"]["success_rate"] for row in own], **facts,
+                    "minus_first": paired(by_setup(own), reference)._asdict(),
+                }
+            )  # fmt: skip
+    return {"schema": SCHEMA, "methods": methods, "versions": versions()}
+
+
+def draw(rows: Sequence[Row], folder: Path) -> None:
+    """`<task>.png`: success over simulated hours and over wall-clock; what does not train is a point."""
+    for env_id, methods in grouped(rows).items():
+        figure, axes = panels(2)
+        for panel, (key, label) in zip(
+            axes, (("simulated_hours", "simulated hours"), ("seconds", "wall-clock [s]")), strict=True
+        ):
+            for i, (method, own) in enumerate(methods.items()):
+                colour = i % len(COLOURS)
+                if own[0]["curve"]:
+                    x, successes, n = _curve(own, key)
+                    low, high = np.transpose(
+                        [wilson_interval(int(s), int(m)) for s, m in zip(successes, n, strict=True)]
+                    )
+                    curve(panel, x, 100 * successes / n, 100 * low, 100 * high, colour, method)
+                else:
+                    rate = 100.0 * by_setup(own).mean()
+                    panel.plot(max(_mean_fact(own, key), 1e-3), rate, "s", color=COLOURS[colour], label=method)
+            panel.set_xscale("log")
+            panel.set_xlabel(label)
+            panel.set_ylim(-2.0, 102.0)
+        axes[0].set_ylabel("success [%]")
+        axes[0].set_title(kebab_case(env_id), fontsize=9)
+        axes[1].legend(fontsize=7)
+        save(figure, folder / f"{kebab_case(env_id)}.png")
+
+
+def _curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], ...]:
+    """Mean abscissa, successes and episodes of the evaluations that every seed has."""
+    n = min(len(row["curve"]) for row in rows)
+    x = np.mean([[point[key] for point in row["curve"][:n]] for row in rows], axis=0)
+    counts = (
+        np.sum([[p[name] for p in row["curve"][:n]] for row in rows], axis=0) for name in ("successes", "episodes")
+    )
+    return (x, *counts)
+
+
+def _mean_fact(rows: Sequence[Row], name: str) -> float:
+    return float(np.mean([row["facts"][name] for row in rows]))
+
+
+def _points(result: Paired) -> str:
+    low, high = 100 * result.low, 100 * result.high
+    return f"{100 * result.difference:+.0f} [{low:+.0f}, {high:+.0f}], p = {result.p:.2g}"
+
+
+def _mean(differences: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    return np.asarray(np.mean(differences, axis=axis))

@@ -1,0 +1,79 @@
+"""Checkpoints of a training: a folder beside the skill that it will become, from which a killed training goes on.
+
+    job.json                      what is trained; another job refuses the folder
+    log.jsonl                     one line per evaluation
+    checkpoint-000025000/         after so many decisions: agent.zip, replay_buffer.pkl, state.json
+
+This is not the format of skills: agents and buffers are pickles, which run code when they are loaded. Load only your own.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.paths import written_whole
+
+SCHEMA = "lfd_gym.training-checkpoint/1 (holds pickles: load only your own)"
+PREFIX = "checkpoint-"
+
+
+class TrainingFolder:
+    """The folder of one training. Raises InvalidArgumentError if it holds another one."""
+
+    def __init__(self, path: Path, job: Mapping[str, Any]) -> None:
+        self.path, self.log = path, path / "log.jsonl"
+        described = json.dumps({"schema": SCHEMA, **job}, indent=2, sort_keys=True) + "\n"
+        file = path / "job.json"
+        if file.exists() and file.read_text() != described:
+            raise InvalidArgumentError(
+                f"'{path}' holds checkpoints of another training; remove it, or choose another --out"
+            )
+        with written_whole(file) as temporary:
+            temporary.write_text(described)
+
+    def latest(self) -> Path | None:
+        """The last whole checkpoint."""
+        found = sorted(self.path.glob(PREFIX + "*[0-9]"))
+        return found[-1] if found else None
+
+    def state(self) -> dict[str, Any]:
+        """What `write` was told with the last checkpoint; empty if there is none."""
+        latest = self.latest()
+        return {} if latest is None else dict(json.loads((latest / "state.json").read_text()))
+
+    def write(self, agent: Any, state: Mapping[str, Any]) -> None:
+        """Add a checkpoint, which is there whole or not at all, and remove older ones."""
+        name = f"{PREFIX}{state['decisions']:09d}"
+        partial, whole = self.path / f"{name}.part", self.path / name
+        if whole.exists():
+            return
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir()
+        agent.save(partial / "agent.zip")
+        if hasattr(agent, "save_replay_buffer"):
+            agent.save_replay_buffer(partial / "replay_buffer.pkl")
+        (partial / "state.json").write_text(json.dumps(dict(state), indent=2))
+        os.replace(partial, whole)
+        for other in self.path.glob(PREFIX + "*"):
+            if other != whole:
+                shutil.rmtree(other)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The log."""
+        return read_log(self.path)
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add a line to the log; lines of as many or more decisions, from before a kill, are replaced."""
+        kept = [old for old in self.rows() if old["decisions"] < row["decisions"]]
+        with written_whole(self.log) as temporary:
+            temporary.write_text("".join(json.dumps(line) + "\n" for line in [*kept, dict(row)]))
+
+
+def read_log(folder: Path) -> list[dict[str, Any]]:
+    """The lines of a training's log; none if it has not been evaluated."""
+    log = folder / "log.jsonl"
+    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []

@@ -1,0 +1,88 @@
+"""Demonstrations as what an agent would have seen and decided."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.action import ActionLayout
+from lfd_gym.demonstration import Demonstration
+from lfd_gym.errors import DemonstrationError
+from lfd_gym.view import View
+
+
+class Transitions(NamedTuple):
+    """N transitions of the RL view."""
+
+    observations: NDArray[np.float32]
+    """(N, D)."""
+    decisions: NDArray[np.float32]
+    """(N, C)."""
+    rewards: NDArray[np.float32]
+    """(N,)."""
+    next_observations: NDArray[np.float32]
+    """(N, D)."""
+    ended: NDArray[np.float32]
+    """(N,) 1 where nothing follows that would have to be valued."""
+
+
+def view_of(demonstration: Demonstration) -> View:
+    """The RL view of the environment that a demonstration was given in."""
+    layout = ActionLayout.from_dict(demonstration.action_layout)
+    return View.of_class(demonstration.env_id, layout, demonstration.dt)
+
+
+def flat_observations(demonstration: Demonstration, view: View) -> NDArray[np.float32]:
+    """What an agent would have seen at every control step, (T + 1, D)."""
+    rows = zip(*demonstration.observations.values(), strict=True)
+    names = tuple(demonstration.observations)
+    return np.stack([view.flatten(dict(zip(names, row, strict=True))) for row in rows])
+
+
+def decisions(demonstration: Demonstration, view: View) -> NDArray[np.float64]:
+    """What it would have decided (T, C): of every step the mean of `View.decision` over the decision that begins there."""
+    names = tuple(demonstration.observations)
+    rows = zip(demonstration.actions, *(demonstration.observations[name][:-1] for name in names), strict=True)
+    single = np.stack([view.decision(action, dict(zip(names, seen, strict=True))) for action, *seen in rows])
+    last = np.repeat(single[-1:], view.repeats - 1, axis=0)
+    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([single, last]), view.repeats, axis=0)
+    return np.asarray(windows.mean(axis=-1))
+
+
+def transitions(
+    demonstrations: Sequence[Demonstration], env: gymnasium.Env, discount: float, reward_scale: float
+) -> Transitions:
+    """Transitions of the RL view, with the rewards that this environment gives in the states that were demonstrated.
+
+    A demonstration ends when its task is solved; the view's episodes go on. So its last transition is worth what staying
+    there is, r / (1 - discount), and ends.
+
+    Raises DemonstrationError where control step or states are not those of the environment.
+    """
+    view, world, parts = View.of(env), env.unwrapped, []
+    for i, demonstration in enumerate(demonstrations):
+        if demonstration.dt != view.dt or demonstration.states.shape[1:] != world.get_state().shape:  # type: ignore[attr-defined]
+            raise DemonstrationError(f"demonstration {i} was not given in this environment: its states do not fit")
+        every, last = view.repeats, len(demonstration)
+        starts = np.arange(0, last, every)
+        ends = np.minimum(starts + every, last)
+        seen = flat_observations(demonstration, view)
+        reached = _rewards(world, demonstration)
+        rewards = np.array([reached[a + 1 : b + 1].mean() for a, b in zip(starts, ends, strict=True)])
+        ended = np.zeros(len(starts))
+        if demonstration.success:
+            rewards[-1], ended[-1] = reached[-1] / (1.0 - discount), 1.0
+        shown = decisions(demonstration, view)[starts]
+        parts.append((seen[starts], shown, reward_scale * rewards, seen[ends], ended))
+    return Transitions(*(np.concatenate(part).astype(np.float32) for part in zip(*parts, strict=True)))
+
+
+def _rewards(world: Any, demonstration: Demonstration) -> NDArray[np.float64]:
+    """Reward (T + 1,) of being in each of the demonstrated states."""
+    rewards = np.empty(len(demonstration) + 1)
+    for t, state in enumerate(demonstration.states):
+        world.set_state(state)
+        rewards[t] = world.reward()
+    return rewards

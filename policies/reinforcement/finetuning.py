@@ -1,0 +1,82 @@
+"""Fine-tuning: from a skill and an environment to a skill that has practised.
+
+| method | what is learned |
+|---|---|
+| `cma`, `es-gradient` | goal offsets of a sequence graph, logits and offsets of a Mixture of Attractors: `skill_parameters` |
+| `graph-ppo` | a residual on the log-probabilities of a sequence graph's classifiers: `refined_graph` |
+| `residual-sac` | a bounded residual on the actions of any skill: `residual` |
+
+Whatever the method, an eighth of the episodes (at most 100) is kept back: the skill before and the skill after do the same
+fresh setups, and the one before is returned unless the one after scores as much.
+"""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.registry import environment_id, look_up
+from policies.reinforcement.practice import SEEDS_PER_PRACTICE, Practice, practise, scores
+from policies.skill import Skill
+
+FINETUNERS: dict[str, str] = {
+    "cma": "policies.reinforcement.parameter_search:by_cma",
+    "es-gradient": "policies.reinforcement.parameter_search:by_gradient",
+    "graph-ppo": "policies.reinforcement.learned_residuals:refine_graph",
+    "residual-sac": "policies.reinforcement.learned_residuals:learn_residual",
+}
+"""Name of the method -> function from a `Practice` to the skill and its facts."""
+FEWEST, MOST_CHECKED = 16, 50
+"""Episodes of a practice, and setups of the last check, each done twice."""
+
+
+def finetune(
+    name: str,
+    skill: Skill,
+    env_id: str,
+    episodes: int,
+    folder: Path,
+    seed: int = 0,
+    env_kwargs: Mapping[str, Any] | None = None,
+    jobs: int = 1,
+    progress: bool = False,
+) -> Skill:
+    """The skill after about so many episodes of practice; `folder` keeps checkpoints of the methods that have them.
+
+    Raises UnknownNameError for an unknown method, and InvalidArgumentError for a skill of another environment, one that the
+    method cannot practise, and fewer than 16 episodes.
+    """
+    method = look_up(FINETUNERS, "method", name)
+    env_id, kwargs = environment_id(env_id), dict(env_kwargs or {})
+    if skill.env_id != env_id.rpartition(":")[2]:
+        raise InvalidArgumentError(f"this skill was taught for {skill.env_id}, not for {env_id}; practise it there")
+    if episodes < FEWEST:
+        raise InvalidArgumentError(f"{episodes} episodes; at least {FEWEST} are needed")
+    checked = min(MOST_CHECKED, episodes // FEWEST)
+    practice = Practice(skill, env_id, kwargs, episodes - 2 * checked, folder, seed, jobs, progress)
+    since = time.monotonic()
+    after, facts = method(practice)
+    first = practice.first_seed + SEEDS_PER_PRACTICE // 2
+    check = practise([skill, after], env_id, kwargs, range(first, first + checked), jobs)
+    before_score, after_score = scores(check).tolist()
+    seconds = sum(episode.seconds for row in check for episode in row)
+    facts = {
+        "method": name,
+        **facts,
+        "episodes": facts["episodes"] + 2 * checked,
+        "simulated_hours": round(facts["simulated_hours"] + seconds / 3600.0, 4),
+        "seconds": round(time.monotonic() - since, 1),
+        "check": [before_score, after_score],
+        "kept": bool(after_score >= before_score),
+    }
+    return with_facts(after if facts["kept"] else skill, facts)
+
+
+def with_facts(skill: Skill, facts: Mapping[str, Any]) -> Skill:
+    """The skill, whose metadata says how it practised."""
+    values, arrays = skill.to_arrays()
+    metadata = {**skill.metadata, "finetuned": dict(facts)}
+    return type(skill).from_arrays(
+        values, arrays, env_id=skill.env_id, taught_seeds=skill.taught_seeds, metadata=metadata
+    )

@@ -1,0 +1,53 @@
+"""Fine-tuning (a): practice of a skill's few parameters, without gradients of the simulation."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.progress import track
+from policies.reinforcement import search
+from policies.reinforcement.practice import Practice, Practised, practise, scores
+from policies.reinforcement.skill_parameters import parameters_of
+
+Array = NDArray[np.float64]
+
+SETUPS = 4
+"""Setups that every candidate does."""
+SIGMA = 1.0
+"""First standard deviation, in the units of `skill_parameters`."""
+
+
+def by_cma(practice: Practice) -> Practised:
+    """CMA-ES."""
+    return _search(practice, search.cma_es)
+
+
+def by_gradient(practice: Practice) -> Practised:
+    """The gradient of the smoothed score, as evolution strategies estimate it."""
+    return _search(practice, search.smoothed_gradient)
+
+
+def _search(practice: Practice, method: Callable[..., search.Found]) -> Practised:
+    """Search for parameters; candidates of a generation do the same setups, every generation others."""
+    parameters, seconds = parameters_of(practice.skill), [0.0]
+    population = min(4 + int(3 * np.log(parameters.size)) // 2 * 2, max(2, practice.episodes // SETUPS // 2 * 2))
+    generations = max(1, practice.episodes // (population * SETUPS))
+    first = practice.first_seed
+    bar = track(range(generations), generations, "generations", practice.progress)
+
+    def score(candidates: Sequence[Array], generation: int) -> Array:
+        seeds = range(first + SETUPS * generation, first + SETUPS * (generation + 1))
+        skills = [parameters.applied(np.asarray(x)) for x in candidates]
+        episodes = practise(skills, practice.env_id, practice.env_kwargs, seeds, practice.jobs)
+        seconds[0] += sum(episode.seconds for row in episodes for episode in row)
+        return scores(episodes)
+
+    found = method(score, parameters.size, bar, population, SIGMA, practice.seed)
+    facts = {
+        "episodes": generations * population * SETUPS,
+        "updates": generations,
+        "simulated_hours": seconds[0] / 3600.0,
+        "history": [round(value, 4) for value in found.history],
+    }
+    return parameters.applied(found.x), facts

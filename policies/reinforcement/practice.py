@@ -1,0 +1,84 @@
+"""Practice: how well a skill does on training setups, and whether what it became is kept."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from lfd_gym.registry import make
+from lfd_gym.rollout import rollout
+from policies.skill import Skill
+
+Array = NDArray[np.float64]
+
+PRACTICE_SEEDS, SEEDS_PER_PRACTICE = 2**35, 2**24
+"""Reset seeds of practice start here; those of the last check are the upper half of a practice's own."""
+
+
+@dataclass(frozen=True)
+class Practice:
+    """What a method of fine-tuning is given."""
+
+    skill: Skill
+    """The one to start from."""
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    episodes: int
+    """How many it may do, about."""
+    folder: Path
+    """For checkpoints."""
+    seed: int = 0
+    jobs: int = 1
+    """Processes, for methods that use them."""
+    progress: bool = False
+    """A bar on a terminal."""
+
+    @property
+    def first_seed(self) -> int:
+        """Reset seed of its first episode."""
+        return PRACTICE_SEEDS + SEEDS_PER_PRACTICE * self.seed
+
+
+Practised = tuple[Skill, dict[str, Any]]
+"""The skill that came of it, and "episodes", "updates", "simulated_hours" and other facts."""
+
+
+class Episode(NamedTuple):
+    """One episode of practice."""
+
+    score: float
+    """1 for success, else the dense reward at the end, below 1."""
+    seconds: float
+    """Simulated time [s]."""
+
+
+def practise(
+    skills: Sequence[Skill], env_id: str, env_kwargs: Mapping[str, Any], seeds: Sequence[int], jobs: int = 1
+) -> list[list[Episode]]:
+    """Per skill one episode per seed, the same for all; in `jobs` processes."""
+    run = joblib.delayed(_episodes)
+    return list(joblib.Parallel(n_jobs=jobs)(run(skill, env_id, dict(env_kwargs), list(seeds)) for skill in skills))
+
+
+def scores(episodes: Sequence[Sequence[Episode]]) -> Array:
+    """Mean score (n,) of n skills."""
+    return np.array([np.mean([episode.score for episode in row]) for row in episodes])
+
+
+def _episodes(skill: Skill, env_id: str, env_kwargs: Mapping[str, Any], seeds: Sequence[int]) -> list[Episode]:
+    env = make(env_id, reward_type="dense", **env_kwargs)
+    try:
+        return [_episode(env, skill, seed) for seed in seeds]
+    finally:
+        env.close()
+
+
+def _episode(env: Any, skill: Skill, seed: int) -> Episode:
+    steps, reward = 0, 0.0
+    for step in rollout(env, skill, seed):
+        steps, reward = steps + 1, step.reward
+    return Episode(reward, steps * env.unwrapped.dt)

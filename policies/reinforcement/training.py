@@ -1,0 +1,227 @@
+"""Training of agents: resumable, with checkpoints, a log, and evaluation on development seeds meanwhile."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.wrappers import TransformReward
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+
+from lfd_gym.demonstration import Demonstration, check_same_environment
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from lfd_gym.evaluation import evaluate
+from lfd_gym.progress import track
+from lfd_gym.registry import environment_id, make
+from lfd_gym.view import View
+from lfd_gym.wrappers import RLView, SeededEpisodes
+from policies.reinforcement.agent_skill import AgentSkill
+from policies.reinforcement.agents import actor_network, load_agent, make_agent
+from policies.reinforcement.checkpoint import TrainingFolder
+from policies.reinforcement.demonstrated_decisions import transitions
+from policies.reinforcement.settings import TrainingSettings, method
+from policies.reinforcement.simulation_clock import SimulationClock
+from policies.skill import Skill
+
+TRAINING_SEEDS, SEEDS_PER_TRAINING = 2**34, 2**24
+"""Reset seeds of training start here, far from those of evaluation and teaching."""
+DEVELOPMENT_SEED = 100000
+"""First evaluation seed of the curves."""
+CHUNK = 1000
+"""Decisions between two movements of the progress bar, about."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How long a training lasts and what happens meanwhile; nothing of it changes what is learned."""
+
+    decisions: int
+    """In all; rounded up to whole rollouts."""
+    checkpoint_every: int = 25_000
+    """Decisions between two checkpoints."""
+    evaluate_every: int = 10_000
+    """Decisions between two evaluations; 0 for none."""
+    evaluation_episodes: int = 20
+    episodes: int = 0
+    """Stop as soon as so many were begun; 0 for never."""
+    progress: bool = False
+    """A bar on a terminal."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What `run` trains: how the environments are made, and what becomes of an agent."""
+
+    settings: TrainingSettings
+    env: Callable[[], gymnasium.Env]
+    """An environment of flat observations and decisions."""
+    export: Callable[[Any, Mapping[str, Any]], Skill]
+    """The skill that an agent is, from the agent and facts for its metadata."""
+    prepare: Callable[[Any], None]
+    """What is done once to an agent that was made or loaded."""
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    """Of the native environment in which the skill is evaluated."""
+    seed: int
+    make: Callable[[VecEnv], Any]
+    """An untrained agent."""
+    load: Callable[[str, VecEnv], Any]
+    """The agent of a checkpoint."""
+
+
+def train(
+    name: str,
+    env_id: str,
+    schedule: Schedule,
+    folder: Path,
+    seed: int = 0,
+    demonstrations: Sequence[Demonstration] = (),
+    env_kwargs: Mapping[str, Any] | None = None,
+) -> Skill:
+    """Train a method of `policies.reinforcement.settings` from where `folder` left off, and return the skill.
+
+    Raises InvalidArgumentError for an unknown method, for demonstrations that are missing, not wanted or of another
+    environment, and where the folder holds another training.
+    """
+    settings, env_kwargs, env_id = method(name), dict(env_kwargs or {}), environment_id(env_id)
+    if settings.demonstrations != bool(demonstrations):
+        needs = "needs demonstrations: --demos FILE" if settings.demonstrations else "takes no demonstrations"
+        raise InvalidArgumentError(f"method '{name}' {needs}")
+    if demonstrations and check_same_environment(demonstrations) != env_id.rpartition(":")[2]:
+        raise DemonstrationError(f"the demonstrations are of {demonstrations[0].env_id}, not of {env_id}")
+    seeds = tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations)
+    env = partial(viewed, env_id, settings.reward_type, env_kwargs)
+    example = env()
+    view = View.of(example)
+    shown = transitions(demonstrations, example, settings.discount, settings.reward_scale) if demonstrations else None
+    example.close()
+
+    def export(agent: Any, facts: Mapping[str, Any]) -> Skill:
+        metadata = {"learner": name, "demonstrations": len(seeds), **facts}
+        native = env_id.rpartition(":")[2]
+        return AgentSkill(actor_network(agent), view, env_id=native, taught_seeds=seeds, metadata=metadata)
+
+    def prepare(agent: Any) -> None:
+        if shown is not None:
+            agent.replay_buffer.demonstrations = shown
+
+    identity = {"method": name, "demonstrations": list(seeds)}
+    task = Task(
+        settings, env, export, prepare, env_id, env_kwargs, seed,
+        partial(make_agent, settings), partial(load_agent, settings),
+    )  # fmt: skip
+    return run(task, schedule, folder, identity)
+
+
+def viewed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any]) -> gymnasium.Env:
+    """The RL view of an environment."""
+    return RLView(timed(env_id, reward_type, env_kwargs))
+
+
+def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bool = False) -> gymnasium.Env:
+    """The native environment, which counts what is simulated; `ends` says whether success ends an episode."""
+    return SimulationClock(make(env_id, reward_type=reward_type, terminate_on_success=ends, **env_kwargs))
+
+
+def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any]) -> Skill:
+    """Train until the schedule's end, from the last checkpoint in the folder; `identity` says whose folder it is."""
+    settings = task.settings
+    job = {
+        **identity, "env_id": task.env_id, "env_kwargs": dict(task.env_kwargs), "seed": task.seed,
+        "settings": json.loads(json.dumps(asdict(settings))),
+    }  # fmt: skip
+    kept = TrainingFolder(folder, job)
+    state = kept.state() or {
+        "decisions": 0, "seconds": 0.0, "simulated_seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0,
+    }  # fmt: skip
+    simulated = state["simulated_seconds"]
+    first = TRAINING_SEEDS + SEEDS_PER_TRAINING * task.seed
+    stride = SEEDS_PER_TRAINING // settings.n_envs
+    episodes = [SeededEpisodes(task.env(), first + i * stride + begun) for i, begun in enumerate(state["episodes"])]
+    envs = DummyVecEnv([partial(_monitored, env, settings.reward_scale) for env in episodes])
+    set_random_seed((task.seed + state["decisions"]) % 2**32)
+    latest = kept.latest()
+    if latest is None:
+        agent = task.make(envs)
+    else:
+        agent = task.load(str(latest / "agent.zip"), envs)
+        if hasattr(agent, "load_replay_buffer"):
+            agent.load_replay_buffer(latest / "replay_buffer.pkl")
+    task.prepare(agent)
+    last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
+    ended = 0 < schedule.episodes <= sum(state["episodes"])
+    marks = [] if ended else _marks(state["decisions"], last, settings.rollout, schedule)
+    for n in track(marks, len(marks), "training", schedule.progress):
+        before, since = int(agent.num_timesteps), time.monotonic()
+        agent.learn(n - before, reset_num_timesteps=False)
+        state = {
+            "decisions": int(agent.num_timesteps),
+            "seconds": state["seconds"] + time.monotonic() - since,
+            "episodes": [env.next_seed - first - i * stride for i, env in enumerate(episodes)],
+            "updates": int(agent._n_updates),
+            "simulated_seconds": simulated + sum(env.get_wrapper_attr("simulated_seconds") for env in episodes),
+        }
+        ended = n == last or 0 < schedule.episodes <= sum(state["episodes"])
+        if _due(before, n, ended, schedule.evaluate_every):
+            kept.append(_judged(task, task.export(agent, facts(state)), state, agent, schedule))
+        if _due(before, n, ended, schedule.checkpoint_every):
+            kept.write(agent, state)
+        if ended:
+            break
+    envs.close()
+    return task.export(agent, facts(state))
+
+
+def facts(state: Mapping[str, Any]) -> dict[str, Any]:
+    """What a skill's metadata and the log say about the training so far."""
+    return {
+        "decisions": state["decisions"],
+        "updates": state["updates"],
+        "simulated_hours": round(state["simulated_seconds"] / 3600.0, 4),
+        "seconds": round(state["seconds"], 1),
+        "training_episodes": sum(state["episodes"]),
+    }
+
+
+def _marks(done: int, last: int, rollout: int, schedule: Schedule) -> list[int]:
+    """Decisions after which the training pauses for a moment, whole rollouts."""
+    step = rollout * max(1, round(CHUNK / rollout))
+    for every in (schedule.evaluate_every, schedule.checkpoint_every):
+        step = min(step, rollout * math.ceil(every / rollout)) if every else step
+    return [min(n, last) for n in range(done + step, last + step, step)]
+
+
+def _due(before: int, now: int, ended: bool, every: int) -> bool:
+    """Whether a multiple of `every` was passed, or the end reached; never for 0."""
+    return every > 0 and (ended or now // every > before // every)
+
+
+def _judged(task: Task, skill: Skill, state: Mapping[str, Any], agent: Any, schedule: Schedule) -> dict[str, Any]:
+    report = evaluate(task.env_id, skill, schedule.evaluation_episodes, DEVELOPMENT_SEED, env_kwargs=task.env_kwargs)
+    subtasks = report.episodes[0].subtasks
+    recent = [float(episode["r"]) for episode in agent.ep_info_buffer or ()]
+    return {
+        **facts(state),
+        "successes": report.successes,
+        "episodes": len(report.episodes),
+        "subtasks": {name: sum(e.subtasks.get(name, False) for e in report.episodes) for name in subtasks},
+        "training_return": round(float(np.mean(recent)), 4) if recent else None,
+    }
+
+
+def _monitored(env: gymnasium.Env, reward_scale: float) -> gymnasium.Env:
+    if reward_scale != 1.0:
+        env = TransformReward(env, partial(_scaled, reward_scale))
+    return Monitor(env)
+
+
+def _scaled(scale: float, reward: Any) -> float:
+    return scale * float(reward)

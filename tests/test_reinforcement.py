@@ -1,0 +1,207 @@
+"""Agents on the RL view: what demonstrations become, training that survives a kill, skills that need no torch."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lfd_gym import cli
+from lfd_gym.demonstration import Demonstration, save_demonstrations
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
+from lfd_gym.recording import record
+from lfd_gym.registry import make
+from lfd_gym.view import View
+from lfd_gym.wrappers import RLView
+from policies import load_skill
+from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, transitions, view_of
+from policies.reinforcement.settings import METHODS
+from scripted_teachers.move_object import MoveObjectTeacher
+
+ENV_ID = "lfd_gym/MoveObject-v0"
+DENSE = {"reward_type": "dense", "terminate_on_success": False}
+
+
+@pytest.fixture(scope="module")
+def taught() -> list[Demonstration]:
+    return record(ENV_ID, MoveObjectTeacher(noise=1.0), n=2, seed=11).demonstrations
+
+
+@pytest.fixture
+def training(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The module, with methods small enough to train here."""
+    pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
+    from dataclasses import replace
+
+    from policies.reinforcement import agents, training
+
+    monkeypatch.setattr(agents, "WIDTH", 16)
+    small = {"sac": {"learning_starts": 20, "batch_size": 16, "buffer_size": 500, "gradient_steps": 1}, "ppo": {}}
+    for name, settings in METHODS.items():
+        kwargs = {**settings.hyperparameters, **small[settings.algorithm]}
+        if settings.algorithm == "ppo":
+            kwargs |= {"batch_size": 16, "n_epochs": 1}
+        rollout, n_envs = (32, 2) if settings.algorithm == "ppo" else (8, 1)
+        monkeypatch.setitem(METHODS, name, replace(settings, hyperparameters=kwargs, rollout=rollout, n_envs=n_envs))
+    return training
+
+
+def test_what_an_agent_would_have_decided_solves_the_task_again(taught: Sequence[Demonstration]) -> None:
+    env = make(ENV_ID)
+    for demonstration in taught:
+        view = view_of(demonstration)
+        assert view == View.of(env)
+        shown = decisions(demonstration, view)
+        seen, _ = env.reset(seed=demonstration.seed["reset"])
+        error, info = 0.0, {}
+        for t in range(len(demonstration)):
+            seen, _, _, _, info = env.step(view.native_action(shown[t - t % view.repeats], seen))
+            error = max(
+                error, float(np.abs(seen["tool_position"] - demonstration.observations["tool_position"][t + 1]).max())
+            )
+        assert info["is_success"]
+        assert error < 0.02
+
+
+def test_transitions_pay_what_the_environment_pays(taught: Sequence[Demonstration]) -> None:
+    """Played again in the RL view, the decisions earn what the transitions say, until the task is solved."""
+    view_env = RLView(make(ENV_ID, **DENSE))
+    shown = transitions(taught[:1], view_env, discount=0.99, reward_scale=0.5)
+    view_env.reset(seed=taught[0].seed["reset"])
+    earned = np.array([0.5 * view_env.step(decision)[1] for decision in shown.decisions[:-1]])
+    assert np.abs(earned - shown.rewards[:-1]).max() < 0.02
+    assert shown.rewards[-1] == pytest.approx(0.5 / (1.0 - 0.99), rel=1e-4)
+    assert shown.ended.tolist() == [0.0] * (len(shown.ended) - 1) + [1.0]
+    flat = flat_observations(taught[0], view_env.view)
+    assert np.array_equal(shown.observations[1], flat[5])
+    assert np.array_equal(shown.next_observations[:-1], shown.observations[1:])
+
+
+def test_half_of_a_batch_is_demonstrated(taught: Sequence[Demonstration]) -> None:
+    pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
+    from policies.reinforcement.agents import DemonstrationBuffer
+
+    env = RLView(make(ENV_ID, **DENSE))
+    buffer = DemonstrationBuffer(10, env.observation_space, env.action_space)
+    nothing = np.zeros((1, *env.observation_space.shape)), np.zeros((1, *env.action_space.shape))
+    buffer.add(nothing[0], nothing[0], nothing[1], np.array([-7.0]), np.array([False]), [{}])
+    assert (buffer.sample(8).rewards == -7.0).all()
+    buffer.demonstrations = transitions(taught, env, 0.99, 1.0)
+    batch = buffer.sample(9)
+    assert (batch.rewards[:5] == -7.0).all()
+    assert (batch.rewards[5:] >= 0.0).all()
+    assert {len(part) for part in batch[:5]} == {9}
+
+
+@pytest.mark.parametrize("name", ["sac-demos", "ppo"])
+def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
+    name: str, training: Any, taught: Sequence[Demonstration], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = taught if METHODS[name].demonstrations else ()
+    schedule = training.Schedule(190, checkpoint_every=64, evaluate_every=64, evaluation_episodes=1)
+
+    def train() -> Any:
+        return training.train(name, ENV_ID, schedule, tmp_path / "t", seed=3, demonstrations=shown)
+
+    whole = training.TrainingFolder.write
+
+    def kill(self: Any, agent: Any, state: Any) -> None:
+        if state["decisions"] > 64:
+            raise KeyboardInterrupt
+        whole(self, agent, state)
+
+    monkeypatch.setattr(training.TrainingFolder, "write", kill)
+    with pytest.raises(KeyboardInterrupt):
+        train()
+    assert [path.name for path in (tmp_path / "t").glob("checkpoint-*")] == ["checkpoint-000000064"]
+    monkeypatch.setattr(training.TrainingFolder, "write", whole)
+    skill = train()
+    assert skill.metadata["decisions"] == 192
+    log = [json.loads(line) for line in (tmp_path / "t" / "log.jsonl").read_text().splitlines()]
+    assert [row["decisions"] for row in log] == [64, 128, 192]
+    assert log[-1]["simulated_hours"] == pytest.approx(19.2 / 3600, abs=1e-4)
+    assert train().metadata == skill.metadata
+    with pytest.raises(InvalidArgumentError, match="another training"):
+        training.train(name, ENV_ID, schedule, tmp_path / "t", seed=4, demonstrations=shown)
+
+
+@pytest.mark.parametrize("name", ["sac", "ppo"])
+def test_a_skill_does_what_its_agent_does(name: str, training: Any, tmp_path: Path) -> None:
+    """The exported network, through its file, in the native environment, acts as the agent in the RL view."""
+    agents: list[Any] = []
+    network = training.actor_network
+    training.actor_network = lambda agent: agents.append(agent) or network(agent)
+    try:
+        schedule = training.Schedule(64, checkpoint_every=0, evaluate_every=0)
+        training.train(name, ENV_ID, schedule, tmp_path / "t").save(tmp_path / "skill.npz")
+    finally:
+        training.actor_network = network
+    skill, state = load_skill(tmp_path / "skill.npz"), None
+    view_env, native = RLView(make(ENV_ID, **DENSE)), make(ENV_ID, terminate_on_success=False)
+    flat, seen = view_env.reset(seed=100000)[0], native.reset(seed=100000)[0]
+    for k in range(5):
+        flat = view_env.step(agents[-1].predict(flat, deterministic=True)[0])[0]
+        for i in range(5):
+            action, state = skill.predict(seen, state=state, episode_start=np.array([k == i == 0]))
+            seen = native.step(action)[0]
+        assert np.allclose(skill.view.flatten(seen), flat, atol=1e-4)
+
+
+def test_methods_and_demonstrations_have_to_fit(training: Any, taught: Sequence[Demonstration], tmp_path: Path) -> None:
+    schedule = training.Schedule(10)
+    with pytest.raises(InvalidArgumentError, match="needs demonstrations: --demos"):
+        training.train("sac-demos", ENV_ID, schedule, tmp_path / "t")
+    with pytest.raises(InvalidArgumentError, match="takes no demonstrations"):
+        training.train("sac", ENV_ID, schedule, tmp_path / "t", demonstrations=taught)
+    with pytest.raises(UnknownNameError, match="sac-demos"):
+        training.train("sac-demo", ENV_ID, schedule, tmp_path / "t")
+    with pytest.raises(DemonstrationError, match="not of lfd_gym/LightBulb-v0"):
+        training.train("sac-demos", "light-bulb", schedule, tmp_path / "t", demonstrations=taught)
+    assert not (tmp_path / "t").exists()
+
+
+def test_cloning_learns_what_was_shown(taught: Sequence[Demonstration], tmp_path: Path, capsys: Any) -> None:
+    pytest.importorskip("torch", reason="the rl extra is not installed")
+    save_demonstrations(tmp_path / "demos.h5", taught)
+    for name in ("bc", "bc-chunks"):
+        out = tmp_path / f"{name}.npz"
+        small = ["--set", "updates=400", "--set", "width=64"]
+        assert cli.main(["learn", name, str(tmp_path / "demos.h5"), "--out", str(out), *small]) == 0
+        skill = load_skill(out)
+        seen = flat_observations(taught[0], skill.view)[:-1]
+        shown = decisions(taught[0], skill.view)
+        error = np.abs(skill.network(seen)[:, : shown.shape[1]] - shown).mean()
+        assert error < 0.35 * np.abs(shown - shown.mean(axis=0)).mean()
+
+
+def run(program: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+
+
+def test_policies_and_environments_import_no_torch() -> None:
+    done = run(
+        "import sys, policies, lfd_gym, gymnasium; gymnasium.make('lfd_gym/MoveObject-v0')\n"
+        "import policies.reinforcement.agent_skill\n"
+        "print(sorted({'torch', 'stable_baselines3', 'sb3_contrib', 'cma'} & set(sys.modules)))"
+    )
+    assert done.stdout == "[]\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "missing"),
+    [("train sac move-object --steps 8", "stable_baselines3"), ("learn bc NONE.h5", "torch")],
+)
+def test_a_missing_extra_is_named_in_one_line(command: str, missing: str, tmp_path: Path) -> None:
+    arguments = [*command.split(), "--out", str(tmp_path / "skill.npz")]
+    done = run(
+        "import sys\nfor name in ('torch', 'stable_baselines3', 'sb3_contrib', 'cma'): sys.modules[name] = None\n"
+        f"from lfd_gym import cli\nsys.exit(cli.main({arguments!r}))"
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "pip install 'lfd-gym[rl]'" in done.stderr
+    assert missing in done.stderr
