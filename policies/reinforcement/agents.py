@@ -17,7 +17,7 @@ from policies.reinforcement.demonstrated_decisions import Transitions
 from policies.reinforcement.network import Network
 from policies.reinforcement.settings import TrainingSettings
 
-WIDTH = 256
+WIDTH = 128
 """Units of each of two hidden layers."""
 
 
