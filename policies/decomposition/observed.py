@@ -129,7 +129,7 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
     happened = np.zeros(len(moves), dtype=bool) if interrupted is None else interrupted
     ends = np.array([[view.end for view in row] for row in data.views])[:, chosen] * scale
     starts = np.array([[view.start for view in row] for row in data.views])[:, chosen] * scale
-    lengths = np.array([[view.length for view in row] for row in data.views]) / unit
+    lengths = np.array([[view.length for view in row] for row in data.views])[:, _rigid(data)] / unit
     directions = _directions(data, lengths, following, scale)
     constants = (_constants(data, lengths, unit))[:, chosen] + _held(ends - starts, held, moves)
     extents = np.log(np.maximum(np.ptp(ends[:, 0], axis=0), SMALLEST_EXTENT))
@@ -162,6 +162,12 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
         moves,
         following,
     )
+
+
+def _rigid(data: EntitySegments) -> list[int]:
+    """Per task space the one that has distances of its frame: an angle about an axis that is near tells nothing of a way."""
+    frames = [space.frame for space in data.spaces]
+    return [frames.index(frame) for frame in frames]
 
 
 def _constants(data: EntitySegments, lengths: Array, unit: float) -> Array:
