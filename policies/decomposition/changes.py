@@ -117,15 +117,15 @@ def _due(
     """
     step, near, settling = change.step, round(TOGETHER / dt), round(SETTLING / dt)
     made = any(abs(start - step) <= settling for start, _ in touching)
-    lost = any(abs(stop - step) <= settling for _, stop in touching)
+    lost = min((stop for _, stop in touching if step - settling <= stop <= change.reach), default=None)
     ahead = round(CAUSE / dt)
     if made and any(start + ahead <= step <= stop + near // 2 for start, stop in others):
         due = next((onset for onset in onsets if onset > step), step)
         if due in own:
             due = max(stop for start, stop in others if start + ahead <= step <= stop + near // 2)
         return change._replace(step=due, reach=due + near)
-    if lost and away and any(start + round(AHEAD / dt) <= step <= stop for start, stop in others):
-        return change._replace(step=step + round(NOTICED / dt), event=True)
+    if lost is not None and away and any(start + round(AHEAD / dt) <= step <= stop for start, stop in others):
+        return change._replace(step=max(step, lost) + round(NOTICED / dt), event=True)
     return change
 
 

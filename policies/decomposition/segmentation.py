@@ -29,6 +29,8 @@ SMALLEST = {"position": 0.008, "orientation": 0.15, "hand": 0.20}
 """A motion that leads nowhere farther than this [m], [rad] is a jolt, not a movement."""
 TURNED = {"position": 0.10, "orientation": 0.15, "hand": 0.20}
 """What turns back leads farther than this [m], [rad]."""
+WANDERED = 0.025
+"""So far [m] a tool that presses wanders without going anywhere."""
 SHORTEST_REST = 0.2
 """A slower moment shorter than this [s], after which the motion goes on in much the same direction, is no rest."""
 CONTACT, CONTACT_LOST = 3.0, 1.5
@@ -112,14 +114,29 @@ def smooth(rows: Array, window: float) -> Array:
 
 
 def motions(observed: Signals, entity: str, dt: float) -> list[tuple[int, int]]:
-    """Motions (first, one past the last sample): speed hysteresis, cut where they turn back, without jolts and slow moments."""
+    """Motions (first, one past the last sample): speed hysteresis, cut where they turn back, without jolts and slow moments.
+
+    A tool that presses wanders: what it moves meanwhile has to lead farther to be a motion. What springs back when a contact
+    is lost belongs to the motion that follows without a rest.
+    """
     parts: list[tuple[int, int]] = []
+    touching, settling = contacts(observed), SETTLING / dt
     for start, stop in _above(observed.speed, BEGIN[entity], END_SHARE * BEGIN[entity]):
-        if parts and (start - parts[-1][1]) * dt < SHORTEST_REST and _goes_on(observed, parts[-1], (start, stop)):
-            start = parts.pop()[0]
+        if parts and (start - parts[-1][1]) * dt < SHORTEST_REST:
+            before = parts[-1]
+            springs = before[1] - before[0] <= settling and any(
+                abs(lost - before[0]) <= settling for _, lost in touching
+            )
+            if springs or _goes_on(observed, before, (start, stop)):
+                start = parts.pop()[0]
         parts.append((start, stop))
     turned = [part for whole in parts for part in _turned(observed, entity, whole, round(SHORTEST_REST / dt))]
-    return [part for part in turned if _way(observed.values[slice(*part)], entity) >= SMALLEST[entity]]
+    found = []
+    for start, stop in turned:
+        pressed = any(a - SHORTEST_REST / dt < stop <= b for a, b in touching)
+        if _way(observed.values[start:stop], entity) >= (WANDERED if pressed else SMALLEST[entity]):
+            found.append((start, stop))
+    return found
 
 
 def _turned(observed: Signals, entity: str, whole: tuple[int, int], lag: int) -> list[tuple[int, int]]:
@@ -170,18 +187,18 @@ def _cuts(observed: Signals, moving: Sequence[tuple[int, int]], dt: float) -> li
         for at in {at for part in touching for at in part if 0 < at < n - 1}
         if not any(start <= at < max(stop, start + settling) for start, stop in moving)
     )
-    begun = {onset: _begun(onset, in_rest, touching, settling) for onset in onsets}
+    begun = {onset: _begun(onset, stop, in_rest, touching, settling) for onset, stop in moving}
     cuts = sorted({*in_rest, *(onset for onset in onsets if begun[onset] == onset)})
     if cuts and cuts[0] <= settling:
         cuts = cuts[1:]
     return [0, *(at for at in cuts if at < n - 1)]
 
 
-def _begun(onset: int, changes: Sequence[int], touching: Sequence[tuple[int, int]], settling: int) -> int:
-    """Where the movement with this onset begins: at the last contact change before it, if that is just before or if it made
-    a contact that lasts into the motion."""
+def _begun(onset: int, end: int, changes: Sequence[int], touching: Sequence[tuple[int, int]], settling: int) -> int:
+    """Where the motion from `onset` to `end` begins: at the last contact change before it, if that is just before or if it
+    made a contact that lasts as long as the motion."""
     last = max((at for at in changes if at < onset), default=0)
-    lasts = any(start == last and stop > onset + settling for start, stop in touching)
+    lasts = any(start == last and stop >= max(end - settling, onset + settling) for start, stop in touching)
     return last if last and (lasts or onset - last <= settling) else onset
 
 

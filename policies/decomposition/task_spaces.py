@@ -29,7 +29,7 @@ LEVEL_SHARE = 1.0 / 3.0
 """The force of a segment is the median of this last share of it: what was pressed when the movement had arrived."""
 FREE, PRESSED = 2.0, 5.0
 """[N]: a force below the former is none, from the latter on only its direction counts."""
-DIRECTION = 0.3
+DIRECTION = 0.15
 """How much the direction of a force counts, against whether there is one."""
 SMALLEST_RADIUS = 0.05
 """[m]: nearer to its axis a cylindrical space says little."""
