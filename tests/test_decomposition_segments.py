@@ -9,6 +9,7 @@ from kinematic_world import PRIMITIVES, teach
 
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
+from policies.decomposition.observed import CARRIED_PENALTY, observe
 from policies.decomposition.segmentation import ENTITIES, segment, smooth
 from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing
 
@@ -107,3 +108,15 @@ def test_pressing_harder_is_pressing_the_same_way() -> None:
 def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
     found = nearest_rotation(np.diag([1.0, 1.0, -0.2]))
     np.testing.assert_allclose(found, np.eye(3), atol=1e-12)
+
+
+def test_an_angle_about_a_near_axis_is_no_way(shown: list[Demonstration]) -> None:
+    """A tool that strays by 8 mm on an object's axis turns about it by radians: it is not carried along by anything."""
+    seen = dict(shown[0].observations)
+    n = len(seen["tool_position"])
+    stray = 0.004 * np.sin(np.clip((np.arange(n) - 60) / 40.0, -1.0, 1.0) * np.pi / 2.0)
+    seen["tool_position"] = seen["frame_bin"][:, :3] + np.stack([stray, 0 * stray + 0.0005, 0 * stray + 0.1], axis=1)
+    observed = observe(entity_segments([dataclasses.replace(shown[0], observations=seen)], "position"))
+    assert (observed.constants.max(axis=1) > -5.0).all()
+    cartesian = [i for i, space in enumerate(observed.spaces) if not any(space.held)][:3]
+    assert (observed.constants[:, cartesian] > CARRIED_PENALTY).all()
