@@ -21,11 +21,13 @@ class Transitions(NamedTuple):
     decisions: NDArray[np.float32]
     """(N, C)."""
     rewards: NDArray[np.float32]
-    """(N,)."""
+    """(N,) discounted sum over the decisions of a transition."""
     next_observations: NDArray[np.float32]
-    """(N, D)."""
+    """(N, D) after the last of them."""
     ended: NDArray[np.float32]
     """(N,) 1 where nothing follows that would have to be valued."""
+    discounts: NDArray[np.float32]
+    """(N,) of the value of what follows."""
 
 
 def view_of(demonstration: Demonstration) -> View:
@@ -52,12 +54,12 @@ def decisions(demonstration: Demonstration, view: View) -> NDArray[np.float64]:
 
 
 def transitions(
-    demonstrations: Sequence[Demonstration], env: gymnasium.Env, discount: float, reward_scale: float
+    demonstrations: Sequence[Demonstration], env: gymnasium.Env, discount: float, reward_scale: float, n_steps: int = 1
 ) -> Transitions:
     """Transitions of the RL view, with the rewards that this environment gives in the states that were demonstrated.
 
     A demonstration ends when its task is solved; the view's episodes go on. So its last transition is worth what staying
-    there is, r / (1 - discount), and ends.
+    there is, r / (1 - discount), and ends. A transition is `n_steps` decisions long, or as many as are left.
 
     Raises DemonstrationError where control step or states are not those of the environment.
     """
@@ -75,7 +77,11 @@ def transitions(
         if demonstration.success:
             rewards[-1], ended[-1] = reached[-1] / (1.0 - discount), 1.0
         shown = decisions(demonstration, view)[starts]
-        parts.append((seen[starts], shown, reward_scale * rewards, seen[ends], ended))
+        length = np.minimum(n_steps, len(starts) - np.arange(len(starts)))
+        powers = discount ** np.arange(n_steps)
+        sums = np.array([rewards[i : i + n] @ powers[:n] for i, n in enumerate(length)])
+        final = np.arange(len(starts)) + length - 1
+        parts.append((seen[starts], shown, reward_scale * sums, seen[ends[final]], ended[final], discount**length))
     return Transitions(*(np.concatenate(part).astype(np.float32) for part in zip(*parts, strict=True)))
 
 
