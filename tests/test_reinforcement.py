@@ -19,7 +19,7 @@ from lfd_gym.registry import make
 from lfd_gym.view import View
 from lfd_gym.wrappers import RLView
 from policies import load_skill
-from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, transitions, view_of
+from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, transitions, view_of
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.settings import METHODS
 from scripted_teachers.move_object import MoveObjectTeacher
@@ -79,6 +79,19 @@ def test_transitions_pay_what_the_environment_pays(taught: Sequence[Demonstratio
     flat = flat_observations(taught[0], view_env.view)
     assert np.array_equal(shown.observations[1], flat[5])
     assert np.array_equal(shown.next_observations[:-1], shown.observations[1:])
+
+
+def test_pauses_of_a_teacher_are_found(taught: Sequence[Demonstration]) -> None:
+    """What is left out moves nothing; without it a demonstration starts and ends in the same places."""
+    demonstration = taught[0]
+    moves = moving(demonstration, view_of(demonstration))
+    tool = demonstration.observations["tool_position"]
+    later = np.minimum(np.arange(len(moves)) + 5, len(moves))
+    assert 0.2 < (~moves).mean() < 0.8
+    assert np.abs(tool[later] - tool[:-1])[~moves].max() <= 1e-3
+    kept = tool[:-1][moves]
+    assert np.linalg.norm(np.diff(kept, axis=0), axis=1).max() < 0.02
+    assert np.abs(kept[-1] - tool[-1]).max() < 0.02
 
 
 def test_longer_transitions_sum_what_single_ones_pay(taught: Sequence[Demonstration]) -> None:
@@ -221,8 +234,9 @@ def test_cloning_learns_what_was_shown(taught: Sequence[Demonstration], tmp_path
         small = ["--set", "updates=400", "--set", "width=64"]
         assert cli.main(["learn", name, str(tmp_path / "demos.h5"), "--out", str(out), *small]) == 0
         skill = load_skill(out)
-        seen = flat_observations(taught[0], skill.view)[:-1]
-        shown = decisions(taught[0], skill.view)
+        moves = moving(taught[0], skill.view)
+        seen = flat_observations(taught[0], skill.view)[:-1][moves]
+        shown = decisions(taught[0], skill.view)[moves]
         error = np.abs(skill.network(seen)[:, : shown.shape[1]] - shown).mean()
         assert error < 0.35 * np.abs(shown - shown.mean(axis=0)).mean()
 

@@ -12,6 +12,9 @@ from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
 from lfd_gym.view import View
 
+STILL_TOOL, STILL_TURN, STILL_HAND = 1e-3, 2e-3, 2e-2
+"""What the tool [m], its quaternion and the hand [rad] move within a decision at most if they pause."""
+
 
 class Transitions(NamedTuple):
     """N transitions of the RL view."""
@@ -51,6 +54,22 @@ def decisions(demonstration: Demonstration, view: View) -> NDArray[np.float64]:
     last = np.repeat(single[-1:], view.repeats - 1, axis=0)
     windows = np.lib.stride_tricks.sliding_window_view(np.concatenate([single, last]), view.repeats, axis=0)
     return np.asarray(windows.mean(axis=-1))
+
+
+def moving(demonstration: Demonstration, view: View) -> NDArray[np.bool_]:
+    """Steps (T,) at which the tool or the hand moves while the decision that begins there is held.
+
+    A teacher pauses, and nothing that is observed tells when a pause ends: a policy without memory that clones its pauses
+    stays in them.
+    """
+    seen, last = demonstration.observations, len(demonstration)
+    later = np.minimum(np.arange(last) + view.repeats, last)
+
+    def way(name: str) -> NDArray[np.float64]:
+        return np.asarray(np.abs(seen[name][later] - seen[name][:-1]).max(axis=1, initial=0.0))
+
+    moved = (way("tool_position") > STILL_TOOL) | (way("tool_quaternion") > STILL_TURN)
+    return moved | (way("hand_position") > STILL_HAND if "hand_position" in seen else False)
 
 
 def transitions(
