@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 DECISION_TIME = 0.1
 """Time between two decisions [s]."""
-LAG, LENGTH, SPEED, TORQUE = 0.05, 0.5, 0.5, 3.0
+LAG, LENGTH, SPEED, TORQUE = 0.05, 0.1, 0.5, 3.0
 """Scales of the observation: reference minus tool [m], distances [m], velocities [m/s], torques [N m]."""
 BOUND = 20.0
 """Of every component of the observation."""

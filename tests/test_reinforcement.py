@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ from lfd_gym.registry import make
 from lfd_gym.view import View
 from lfd_gym.wrappers import RLView
 from policies import load_skill
-from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, transitions, view_of
+from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, transitions, view_of
+from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.settings import METHODS
 from scripted_teachers.move_object import MoveObjectTeacher
 
@@ -35,8 +37,6 @@ def taught() -> list[Demonstration]:
 def training(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The module, with methods small enough to train here."""
     pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
-    from dataclasses import replace
-
     from policies.reinforcement import agents, training
 
     monkeypatch.setattr(agents, "WIDTH", 16)
@@ -81,9 +81,45 @@ def test_transitions_pay_what_the_environment_pays(taught: Sequence[Demonstratio
     assert np.array_equal(shown.next_observations[:-1], shown.observations[1:])
 
 
-def test_half_of_a_batch_is_demonstrated(taught: Sequence[Demonstration]) -> None:
+def test_pauses_of_a_teacher_are_found(taught: Sequence[Demonstration]) -> None:
+    """What is left out moves nothing; without it a demonstration starts and ends in the same places."""
+    demonstration = taught[0]
+    moves = moving(demonstration, view_of(demonstration))
+    tool = demonstration.observations["tool_position"]
+    later = np.minimum(np.arange(len(moves)) + 5, len(moves))
+    assert 0.2 < (~moves).mean() < 0.8
+    assert np.abs(tool[later] - tool[:-1])[~moves].max() <= 1e-3
+    kept = tool[:-1][moves]
+    assert np.linalg.norm(np.diff(kept, axis=0), axis=1).max() < 0.02
+    assert np.abs(kept[-1] - tool[-1]).max() < 0.02
+
+
+def test_longer_transitions_sum_what_single_ones_pay(taught: Sequence[Demonstration]) -> None:
+    """A value that is the sum of all that follows is the same through transitions of any length."""
+    env = RLView(make(ENV_ID, **DENSE))
+    single, longer = (transitions(taught[:1], env, 0.9, 1.0, n_steps) for n_steps in (1, 4))
+    worth = np.zeros(len(single.rewards) + 1)
+    for i in reversed(range(len(single.rewards))):
+        worth[i] = single.rewards[i] + 0.9 * worth[i + 1]
+    after = np.minimum(np.arange(len(worth) - 1) + 4, len(worth) - 1)
+    assert np.allclose(longer.rewards + longer.discounts * (1.0 - longer.ended) * worth[after], worth[:-1], rtol=1e-5)
+    assert np.array_equal(longer.next_observations, single.next_observations[after - 1])
+    assert longer.ended.sum() == 4
+
+
+def test_episodes_begin_where_they_were_demonstrated(taught: Sequence[Demonstration]) -> None:
+    for share in (0.0, 1.0):
+        view_env = RLView(DemonstratedStarts(make(ENV_ID, **DENSE), taught, share))
+        seen = np.concatenate([flat_observations(demonstration, view_env.view) for demonstration in taught])
+        begun = [view_env.reset(seed=100000 + i)[0] for i in range(4)]
+        assert [bool((seen == flat).all(axis=1).any()) for flat in begun] == [share == 1.0] * 4
+        assert np.array_equal(view_env.reset(seed=100000)[0], begun[0])
+        assert np.isfinite(view_env.step(np.zeros(5))[0]).all()
+
+
+def test_a_share_of_a_batch_is_demonstrated(taught: Sequence[Demonstration]) -> None:
     pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
-    from policies.reinforcement.agents import DemonstrationBuffer
+    from policies.reinforcement.demonstration_sac import DemonstrationBuffer
 
     env = RLView(make(ENV_ID, **DENSE))
     buffer = DemonstrationBuffer(10, env.observation_space, env.action_space)
@@ -94,7 +130,33 @@ def test_half_of_a_batch_is_demonstrated(taught: Sequence[Demonstration]) -> Non
     batch = buffer.sample(9)
     assert (batch.rewards[:5] == -7.0).all()
     assert (batch.rewards[5:] >= 0.0).all()
-    assert {len(part) for part in batch[:5]} == {9}
+    assert {len(part) for part in batch} == {9}
+    assert DemonstrationBuffer(10, env.observation_space, env.action_space, share=0.25).demonstrated(16) == 0
+    buffer.share = 0.25
+    assert buffer.demonstrated(16) == 4
+
+
+def test_the_actor_is_pulled_to_what_was_demonstrated(taught: Sequence[Demonstration]) -> None:
+    """With a strong pull and demonstrations that alone pay, it decides as it was shown; without it does not yet."""
+    pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
+    import torch
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from policies.reinforcement.agents import make_agent
+
+    env, errors = RLView(make(ENV_ID, **DENSE)), []
+    shown = transitions(taught, env, 0.9, 1.0)
+    nothing = np.zeros((1, *env.observation_space.shape)), np.zeros((1, *env.action_space.shape))
+    for cloning in (0.0, 100.0):
+        torch.manual_seed(0)
+        np.random.seed(0)  # noqa: NPY002
+        agent = make_agent(replace(METHODS["sac-demos"], cloning=cloning), DummyVecEnv([lambda: env]))
+        agent.replay_buffer.add(*nothing[:1], *nothing, np.array([-1.0]), np.array([True]), [{}])
+        agent.replay_buffer.demonstrations = shown
+        agent.train(200, 64)
+        made = agent.predict(shown.observations, deterministic=True)[0]
+        errors.append(np.square(made - shown.decisions).mean())
+    assert errors[1] < 0.5 * errors[0]
 
 
 @pytest.mark.parametrize("name", ["sac-demos", "ppo"])
@@ -172,8 +234,9 @@ def test_cloning_learns_what_was_shown(taught: Sequence[Demonstration], tmp_path
         small = ["--set", "updates=400", "--set", "width=64"]
         assert cli.main(["learn", name, str(tmp_path / "demos.h5"), "--out", str(out), *small]) == 0
         skill = load_skill(out)
-        seen = flat_observations(taught[0], skill.view)[:-1]
-        shown = decisions(taught[0], skill.view)
+        moves = moving(taught[0], skill.view)
+        seen = flat_observations(taught[0], skill.view)[:-1][moves]
+        shown = decisions(taught[0], skill.view)[moves]
         error = np.abs(skill.network(seen)[:, : shown.shape[1]] - shown).mean()
         assert error < 0.35 * np.abs(shown - shown.mean(axis=0)).mean()
 

@@ -12,7 +12,7 @@ from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import InvalidArgumentError
 from policies.learner import Learner
 from policies.reinforcement.agent_skill import AgentSkill
-from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, view_of
+from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, view_of
 from policies.reinforcement.network import Network
 
 SMALLEST_SCALE = 0.02
@@ -35,6 +35,7 @@ class BehaviourCloning(Learner):
         loss: "squared" or "absolute".
         chunk: decisions that are predicted at a time.
         executed: how many of them are made before it looks again.
+        skips_pauses: leave out the steps of a demonstration in which nothing moves.
         seed: of the initial weights and the batches.
 
     Attributes:
@@ -58,10 +59,12 @@ class BehaviourCloning(Learner):
         loss: str = "squared",
         chunk: int = 1,
         executed: int = 1,
+        skips_pauses: bool = True,
         seed: int = 0,
     ) -> None:
         self.updates, self.batch, self.width, self.rate, self.decay = updates, batch, width, rate, decay
         self.noise, self.loss, self.chunk, self.executed, self.seed = noise, loss, chunk, executed, seed
+        self.skips_pauses = skips_pauses
 
     def learn(self, demonstrations: Sequence[Demonstration]) -> AgentSkill:
         """Fit the network and export it."""
@@ -70,7 +73,11 @@ class BehaviourCloning(Learner):
         if not 1 <= self.executed <= self.chunk:
             raise InvalidArgumentError(f"executed is {self.executed}; possible: 1 to chunk, {self.chunk}")
         view = view_of(demonstrations[0])
-        examples = [(flat_observations(d, view)[:-1], decisions(d, view)) for d in demonstrations]
+        kept = [moving(d, view) if self.skips_pauses else np.full(len(d), True) for d in demonstrations]
+        examples = [
+            (flat_observations(d, view)[:-1][rows], decisions(d, view)[rows])
+            for d, rows in zip(demonstrations, kept, strict=True)
+        ]
         inputs = np.concatenate([seen for seen, _ in examples]).astype(np.float64)
         targets = np.concatenate([_chunks(shown, self.chunk, view.repeats) for _, shown in examples])
         mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), SMALLEST_SCALE)
@@ -126,9 +133,10 @@ class ChunkedBehaviourCloning(BehaviourCloning):
         loss: str = "absolute",
         chunk: int = 8,
         executed: int = 4,
+        skips_pauses: bool = True,
         seed: int = 0,
     ) -> None:
-        super().__init__(updates, batch, width, rate, decay, noise, loss, chunk, executed, seed)
+        super().__init__(updates, batch, width, rate, decay, noise, loss, chunk, executed, skips_pauses, seed)
 
 
 def _chunks(shown: NDArray[np.float64], chunk: int, every: int) -> NDArray[np.float64]:

@@ -12,6 +12,9 @@ from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
 from lfd_gym.view import View
 
+STILL_TOOL, STILL_TURN, STILL_HAND = 1e-3, 2e-3, 2e-2
+"""What the tool [m], its quaternion and the hand [rad] move within a decision at most if they pause."""
+
 
 class Transitions(NamedTuple):
     """N transitions of the RL view."""
@@ -21,11 +24,13 @@ class Transitions(NamedTuple):
     decisions: NDArray[np.float32]
     """(N, C)."""
     rewards: NDArray[np.float32]
-    """(N,)."""
+    """(N,) discounted sum over the decisions of a transition."""
     next_observations: NDArray[np.float32]
-    """(N, D)."""
+    """(N, D) after the last of them."""
     ended: NDArray[np.float32]
     """(N,) 1 where nothing follows that would have to be valued."""
+    discounts: NDArray[np.float32]
+    """(N,) of the value of what follows."""
 
 
 def view_of(demonstration: Demonstration) -> View:
@@ -51,13 +56,29 @@ def decisions(demonstration: Demonstration, view: View) -> NDArray[np.float64]:
     return np.asarray(windows.mean(axis=-1))
 
 
+def moving(demonstration: Demonstration, view: View) -> NDArray[np.bool_]:
+    """Steps (T,) at which the tool or the hand moves while the decision that begins there is held.
+
+    A teacher pauses, and nothing that is observed tells when a pause ends: a policy without memory that clones its pauses
+    stays in them.
+    """
+    seen, last = demonstration.observations, len(demonstration)
+    later = np.minimum(np.arange(last) + view.repeats, last)
+
+    def way(name: str) -> NDArray[np.float64]:
+        return np.asarray(np.abs(seen[name][later] - seen[name][:-1]).max(axis=1, initial=0.0))
+
+    moved = (way("tool_position") > STILL_TOOL) | (way("tool_quaternion") > STILL_TURN)
+    return moved | (way("hand_position") > STILL_HAND if "hand_position" in seen else False)
+
+
 def transitions(
-    demonstrations: Sequence[Demonstration], env: gymnasium.Env, discount: float, reward_scale: float
+    demonstrations: Sequence[Demonstration], env: gymnasium.Env, discount: float, reward_scale: float, n_steps: int = 1
 ) -> Transitions:
     """Transitions of the RL view, with the rewards that this environment gives in the states that were demonstrated.
 
     A demonstration ends when its task is solved; the view's episodes go on. So its last transition is worth what staying
-    there is, r / (1 - discount), and ends.
+    there is, r / (1 - discount), and ends. A transition is `n_steps` decisions long, or as many as are left.
 
     Raises DemonstrationError where control step or states are not those of the environment.
     """
@@ -75,7 +96,11 @@ def transitions(
         if demonstration.success:
             rewards[-1], ended[-1] = reached[-1] / (1.0 - discount), 1.0
         shown = decisions(demonstration, view)[starts]
-        parts.append((seen[starts], shown, reward_scale * rewards, seen[ends], ended))
+        length = np.minimum(n_steps, len(starts) - np.arange(len(starts)))
+        powers = discount ** np.arange(n_steps)
+        sums = np.array([rewards[i : i + n] @ powers[:n] for i, n in enumerate(length)])
+        final = np.arange(len(starts)) + length - 1
+        parts.append((seen[starts], shown, reward_scale * sums, seen[ends[final]], ended[final], discount**length))
     return Transitions(*(np.concatenate(part).astype(np.float32) for part in zip(*parts, strict=True)))
 
 

@@ -16,9 +16,19 @@ class TrainingSettings:
     reward_type: str = "dense"
     """Of the environment."""
     demonstrations: bool = False
-    """Half of every batch is drawn from demonstrations."""
+    """Whether it learns from demonstrations."""
+    demonstrated_batch: float = 0.5
+    """Share of every batch that is drawn from them."""
+    cloning: float = 0.0
+    """Weight of the pull to demonstrated decisions that the critics prefer, see `DemonstrationSAC`."""
+    demonstrated_starts: float = 0.0
+    """Share of the training's episodes that begin in a demonstrated state."""
+    n_steps: int = 1
+    """Decisions whose rewards are summed before a critic's value is trusted."""
+    episode: int = 0
+    """Decisions after which an episode of the training is cut off; 0 for the environment's time limit."""
     discount: float = 0.99
-    """Per decision; 0.99 looks 10 s ahead."""
+    """Per decision; 0.97 looks 3 s ahead, 0.99 looks 10 s."""
     reward_scale: float = 1.0
     """Factor of the reward."""
     n_envs: int = 1
@@ -46,7 +56,14 @@ PPO: Mapping[str, Any] = {
     "ent_coef": 0.001,
     "clip_range": 0.2,
 }
-_SHOWN = {**SAC, "learning_starts": 600, "gradient_steps": 8}
+_OFF_POLICY = TrainingSettings(
+    "sac", discount=0.97, n_steps=5, reward_scale=0.3, episode=100,
+    hyperparameters={**SAC, "learning_rate": 1e-3, "batch_size": 128, "ent_coef": "auto_0.01", "gradient_steps": 8},
+)  # fmt: skip
+_SHOWN = replace(
+    _OFF_POLICY, demonstrations=True, demonstrated_batch=0.25, demonstrated_starts=0.25, cloning=1.0,
+    hyperparameters={**_OFF_POLICY.hyperparameters, "learning_starts": 600},
+)  # fmt: skip
 _ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, reward_scale=0.01, hyperparameters=PPO)
 
 GRAPH_PPO = TrainingSettings(
@@ -58,10 +75,10 @@ RESIDUAL_SAC = TrainingSettings("sac", hyperparameters={**SAC, "learning_starts"
 """Of a residual around a skill, likewise."""
 
 METHODS: dict[str, TrainingSettings] = {
-    "sac": TrainingSettings("sac", hyperparameters=SAC),
-    "sac-sparse": TrainingSettings("sac", "sparse", hyperparameters=SAC),
-    "sac-demos": TrainingSettings("sac", demonstrations=True, hyperparameters=_SHOWN),
-    "sac-demos-sparse": TrainingSettings("sac", "sparse", demonstrations=True, hyperparameters=_SHOWN),
+    "sac": _OFF_POLICY,
+    "sac-sparse": replace(_OFF_POLICY, reward_type="sparse"),
+    "sac-demos": _SHOWN,
+    "sac-demos-sparse": replace(_SHOWN, reward_type="sparse"),
     "ppo": _ON_POLICY,
     "ppo-sparse": replace(_ON_POLICY, reward_type="sparse"),
 }

@@ -11,7 +11,8 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.wrappers import TransformReward
+from gymnasium.wrappers import TimeLimit, TransformReward
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
@@ -27,6 +28,7 @@ from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
 from policies.reinforcement.checkpoint import TrainingFolder
 from policies.reinforcement.demonstrated_decisions import transitions
+from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.settings import TrainingSettings, method
 from policies.reinforcement.simulation_clock import SimulationClock
 from policies.skill import Skill
@@ -98,10 +100,11 @@ def train(
     if demonstrations and check_same_environment(demonstrations) != env_id.rpartition(":")[2]:
         raise DemonstrationError(f"the demonstrations are of {demonstrations[0].env_id}, not of {env_id}")
     seeds = tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations)
-    env = partial(viewed, env_id, settings.reward_type, env_kwargs)
+    env = partial(viewed, env_id, settings, env_kwargs, demonstrations)
     example = env()
     view = View.of(example)
-    shown = transitions(demonstrations, example, settings.discount, settings.reward_scale) if demonstrations else None
+    learns = (settings.discount, settings.reward_scale, settings.n_steps)
+    shown = transitions(demonstrations, example, *learns) if demonstrations else None
     example.close()
 
     def export(agent: Any, facts: Mapping[str, Any]) -> Skill:
@@ -121,9 +124,18 @@ def train(
     return run(task, schedule, folder, identity)
 
 
-def viewed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any]) -> gymnasium.Env:
-    """The RL view of an environment."""
-    return RLView(timed(env_id, reward_type, env_kwargs))
+def viewed(
+    env_id: str,
+    settings: TrainingSettings,
+    env_kwargs: Mapping[str, Any],
+    demonstrations: Sequence[Demonstration] = (),
+) -> gymnasium.Env:
+    """The RL view of an environment, as a method trains in it."""
+    env = timed(env_id, settings.reward_type, env_kwargs)
+    if settings.demonstrated_starts and demonstrations:
+        env = DemonstratedStarts(env, demonstrations, settings.demonstrated_starts)
+    view = RLView(env)
+    return TimeLimit(view, settings.episode) if settings.episode else view
 
 
 def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bool = False) -> gymnasium.Env:
@@ -155,6 +167,7 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         agent = task.load(str(latest / "agent.zip"), envs)
         if hasattr(agent, "load_replay_buffer"):
             agent.load_replay_buffer(latest / "replay_buffer.pkl")
+    agent.set_logger(Logger(None, []))
     task.prepare(agent)
     last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
     ended = 0 < schedule.episodes <= sum(state["episodes"])
