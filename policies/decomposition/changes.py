@@ -7,7 +7,8 @@ A segment that belongs to another primitive than the one before is a change. Thr
 - A contact that is lost while another entity moves, so that the tool gives way, is an event to which the demonstrator reacts:
   what begins with it begins when that was noticed.
 - An entity that is already where it is going does not move. Where all demonstrations are alike but for that, the change is
-  added: with the same step of the position, an orientation takes the primitive whose goal it fits in most of them.
+  added: with the same step of the position, an orientation takes the primitive whose goal it fits in most of them, other than
+  by carrying its frame along.
 """
 
 import itertools
@@ -19,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.demonstration import Demonstration
+from policies.decomposition.observed import CARRIED, FAR, UNIT
 from policies.decomposition.result import Decomposition, EntityDecomposition
 from policies.decomposition.segmentation import SETTLING, contacts, motions, signals
-from policies.decomposition.task_spaces import coordinates
+from policies.decomposition.task_spaces import TaskSpace, coordinates
 
 Array = NDArray[np.float64]
 
@@ -154,7 +156,7 @@ def _hidden(
             visits[between].append(visit)
     wanted: list[dict[int, int]] = [{} for _ in demonstrations]
     for alike in visits.values():
-        fits = np.array([errors[v.demonstration][v.stop] < FITS for v in alike])
+        fits = np.array([(errors[v.demonstration][v.stop] < FITS) & ~_carried(demonstrations, part, v) for v in alike])
         used = np.bincount([v.orientation for v in alike], minlength=fits.shape[1])
         best = int(np.lexsort((used, fits.sum(axis=0) * (used > 0)))[-1])
         for v, fit in zip(alike, fits, strict=True):
@@ -187,6 +189,18 @@ def _visits(
         if active["position"] != before:
             yield (before, active["position"]), Visit(m, start, stop, active["orientation"])
             before = active["position"]
+
+
+def _carried(demonstrations: Sequence[Demonstration], part: EntityDecomposition, visit: Visit) -> NDArray[np.bool_]:
+    """(K,) whether the frame of a primitive of the orientation is carried on a visit: what is held always fits."""
+    spaces = [TaskSpace(space.frame, "cartesian") for space in part.data.spaces]
+    ways = {}
+    for space in spaces:
+        x, _ = coordinates(demonstrations[visit.demonstration], "position", space)
+        ways[space.frame] = float(np.linalg.norm(x[visit.stop] - x[visit.start]))
+    farthest = max(ways.values())
+    moved = farthest > FAR * UNIT["position"]
+    return np.array([moved and ways[primitive.space.frame] < CARRIED * farthest for primitive in part.primitives])
 
 
 def _errors(demonstration: Demonstration, part: EntityDecomposition) -> Array:

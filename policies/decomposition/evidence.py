@@ -6,8 +6,9 @@ With SS_g the scatter of the n ends about their mean in space f and A_g = a0 + (
     E_f = -log V + sum_g [ -(d_g / 2) log n - ((n - 1) d_g / 2) log 2 pi + a0 log(a0 s_g^2) - lnGamma(a0) + lnGamma(A_g)
           - A_g log(a0 s_g^2 + SS_g / 2) ] + the members' constants in f
 
-and E = log sum_f pi_f exp E_f. One segment alone has 1/V in every space: it says nothing about its space, as it should. The
-partition has the prior of a Chinese restaurant process, alpha^K prod_k Gamma(n_k).
+and E = log sum_f pi_f exp(E_f + H_f), where the members' log-hints h add up, unless the primitive is about something else
+altogether: H_f = log(exp sum_l h_lf + exp LOG_APART). One segment alone has 1/V in every space: but for hints it says nothing
+about its space, as it should. The partition has the prior of a Chinese restaurant process, alpha^K prod_k Gamma(n_k).
 """
 
 from typing import Any, NamedTuple
@@ -20,10 +21,10 @@ from policies.decomposition.observed import Group, Observed
 
 Array = NDArray[np.float64]
 
+LOG_APART = -20.0
+"""log-probability that a primitive is about something else than what hints say of all of its members."""
 CONCENTRATION = 1.0
 """alpha of the Chinese restaurant process."""
-HINT_FLOOR = 0.05
-"""Least weight of a hint, relative to an even one: hints may be wrong."""
 
 
 class Statistics(NamedTuple):
@@ -85,8 +86,7 @@ class Evidence:
                 + gammaln(shape)
                 - shape * np.log(prior + 0.5 * scatter(sets, g, group))
             )
-        hint = np.log(sets.hints / n + HINT_FLOOR) + self.log_prior
-        return np.asarray(result + hint - np.logaddexp.reduce(hint, axis=-1, keepdims=True))
+        return np.asarray(result + np.logaddexp(sets.hints, LOG_APART) + self.log_prior)
 
     def total(self, sets: Statistics) -> Array:
         """E + log alpha + lnGamma(n) (...,) of every set as a primitive; 0 of an empty one."""
@@ -112,8 +112,7 @@ def statistics(observed: Observed) -> Statistics:
     """Of every segment by itself (L,)."""
     ends = observed.ends
     squares = np.stack([(ends[..., group.part] ** 2).sum(axis=-1) for group in observed.groups], axis=-1)
-    hints = observed.hints * (observed.hints.shape[1] / observed.hints.sum(axis=1, keepdims=True))
-    return Statistics(np.ones(len(ends)), ends, squares, observed.constants, hints)
+    return Statistics(np.ones(len(ends)), ends, squares, observed.constants, observed.hints)
 
 
 def scatter(sets: Statistics, g: int, group: Group) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
-from policies.decomposition.task_spaces import DIRECTION, EntitySegments, View, pressing
+from policies.decomposition.task_spaces import DIRECTION, EntitySegments, View, nearest_rotation, pressing
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ CARRIED, FAR = 0.15, 3.0
 """A frame in which the entity moves by less than this share of the farthest way in any frame, where that is farther than so
 many units, is carried along; so it is in short movements that follow."""
 CARRIED_PENALTY = -20.0
+HINT_FLOOR = 0.05
+"""Least weight of a hint: it may be wrong."""
 BOW, WOBBLE = 0.07, 0.4
 """Spread of the sideways sine coefficients of a straight movement: share of its length, and in units."""
 N_SINES = 2
@@ -89,7 +91,7 @@ class Observed(NamedTuple):
     constants: Array
     """(L, F) log-Jacobian, shape of the path relative to the best space, how well held axes held, and penalties."""
     hints: Array
-    """(L, F) probability of every space from what else is known about a segment."""
+    """(L, F) log-probability of every space from what else is known of a segment, relative to the best space."""
     remains: Array
     """(L,) tau, see `incomplete`."""
     log_shares: Array
@@ -110,8 +112,8 @@ class Observed(NamedTuple):
 def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArray[np.bool_] | None = None) -> Observed:
     """The segments of an entity as the model sees them.
 
-    hints (L, number of task spaces): how probable the spaces are; None: nothing is known. interrupted (L,): to which segments
-    something happened; None: to none.
+    hints (L, number of task spaces): how probable the spaces are from what else is known of a segment; None: nothing is known.
+    interrupted (L,): to which segments something happened; None: to none.
     """
     unit, rotation = UNIT[data.entity], data.entity == "orientation"
     scale = 1.0 / (np.sqrt(2.0) * unit if rotation else unit)
@@ -131,12 +133,13 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
     starts = np.array([[view.start for view in row] for row in data.views])[:, chosen] * scale
     lengths = np.array([[view.length for view in row] for row in data.views])[:, _rigid(data)] / unit
     directions = _directions(data, lengths, following, scale)
-    constants = (_constants(data, lengths, unit))[:, chosen] + _held(ends - starts, held, moves)
+    constants = _constants(data, lengths, unit)[:, chosen] + _held(ends - starts, held, moves)
+    log_hints = np.log((np.ones(lengths.shape) if hints is None else hints) + HINT_FLOOR)[:, chosen]
     extents = np.log(np.maximum(np.ptp(ends[:, 0], axis=0), SMALLEST_EXTENT))
     log_volume = (~held * extents).sum(axis=1)
     controlled = (~held).sum(axis=1).astype(np.float64)
     if rotation:
-        log_volume, controlled = np.array([np.log(8.0 * np.pi**2 / unit**3)] * len(spaces)), np.full(len(spaces), 3.0)
+        log_volume, controlled = np.full(len(spaces), _turned_log_volume(data)), np.full(len(spaces), 3.0)
     groups = [Group(slice(0, size), controlled, POSE_SHAPE, LEAST[data.entity])]
     directions = directions[:, chosen] if rotation else directions[:, chosen] * ~held
     ends, starts = ends * ~held, starts * ~held
@@ -152,7 +155,7 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
         starts,
         directions,
         constants,
-        (np.ones(lengths.shape) if hints is None else hints)[:, chosen],
+        log_hints - log_hints.max(axis=1, keepdims=True),
         np.where(happened, REMAINS_INTERRUPTED, REMAINS),
         np.log(np.where(happened[:, None], SHARES_INTERRUPTED, SHARES)),
         rotation,
@@ -162,6 +165,16 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
         moves,
         following,
     )
+
+
+def _turned_log_volume(data: EntitySegments) -> float:
+    """log of the box around the ends of all orientations, along its own axes, at most all rotations; in units."""
+    ends = np.array([row[0].end for row in data.views])
+    unit = UNIT["orientation"]
+    turned = rotation_vectors(nearest_rotation(ends.mean(axis=0).reshape(3, 3)).ravel(), ends) / unit
+    axes = np.linalg.svd(turned - turned.mean(axis=0))[2]
+    extents = np.maximum(np.ptp(turned @ axes.T, axis=0), SMALLEST_EXTENT)
+    return float(min(np.log(extents).sum(), np.log(8.0 * np.pi**2 / unit**3)))
 
 
 def _rigid(data: EntitySegments) -> list[int]:
