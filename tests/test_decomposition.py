@@ -12,9 +12,9 @@ from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
 from policies.decomposition.bayesian import decompose
-from policies.decomposition.changes import changes, together
+from policies.decomposition.changes import Visit, _carried, changes, together
 from policies.decomposition.checks import DecompositionWarning
-from policies.decomposition.evidence import Evidence
+from policies.decomposition.evidence import LOG_APART, Evidence, Statistics
 from policies.decomposition.labelling import labelled
 from policies.decomposition.observed import observe
 from policies.decomposition.result import Decomposition
@@ -109,6 +109,34 @@ def test_evidence_of_a_pair_is_its_marginal_likelihood() -> None:
     wanted += np.log(np.trapezoid(density, v)) - observed.log_volume[f]
     got = evidence.spaces(pair)[0, f] - pair.constants[0, f] - np.log(observed.prior[f])
     assert got == pytest.approx(wanted, abs=2e-3)
+
+
+def test_every_member_that_hints_contradict_counts_until_the_primitive_is_about_something_else() -> None:
+    demonstrations, _ = planted(4, np.random.default_rng(3))
+    data = entity_segments(demonstrations, "orientation")
+    hints = np.zeros((len(data.segments), len(data.spaces)))
+    hints[:, 1] = 1.0
+    plain, hinted = (Evidence(observe(data, h), (0.5,)) for h in (None, hints))
+    gained = {}
+    for n in (1, 2, len(data.segments)):
+        members = [Statistics(*(array[:n].sum(axis=0) for array in e.single)) for e in (plain, hinted)]
+        gained[n] = hinted.spaces(members[1]) - plain.spaces(members[0])
+        assert gained[n][1] == pytest.approx(0.0, abs=1e-6)
+    assert gained[2][0] == pytest.approx(2.0 * gained[1][0], abs=1e-3)
+    assert LOG_APART <= gained[len(data.segments)][0] < gained[2][0] < -5.0
+
+
+def test_a_frame_that_is_carried_along_fits_by_itself(found: Decomposition, shown: list[Demonstration]) -> None:
+    part, tool = found.entities["orientation"], np.asarray(shown[0].observations["tool_position"])
+    names = {n for n in shown[0].observations if n.startswith("frame_")}
+    held = np.hstack([tool, np.tile([1.0, 0.0, 0.0, 0.0], (len(tool), 1))])
+    held_all = dataclasses.replace(shown[0], observations={**shown[0].observations, **dict.fromkeys(names, held)})
+    start, stop = 0, int(np.argmax(np.linalg.norm(tool - tool[0], axis=1)))
+    in_object = np.array([primitive.space.frame != "world" for primitive in part.primitives])
+    visit = Visit(0, start, stop, 0)
+    assert in_object.any()
+    assert (_carried([held_all], part, visit) == in_object).all()
+    assert not _carried(shown, part, visit).any()
 
 
 def test_what_presses_is_found(found: Decomposition) -> None:
