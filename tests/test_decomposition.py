@@ -15,7 +15,7 @@ from policies.decomposition.bayesian import decompose
 from policies.decomposition.changes import Visit, _carried, changes, together
 from policies.decomposition.checks import DecompositionWarning
 from policies.decomposition.evidence import LOG_APART, Evidence, Statistics
-from policies.decomposition.labelling import labelled
+from policies.decomposition.labelling import Row, absorbed, labelled
 from policies.decomposition.observed import observe
 from policies.decomposition.result import Decomposition
 from policies.decomposition.task_spaces import entity_segments
@@ -137,6 +137,14 @@ def test_a_frame_that_is_carried_along_fits_by_itself(found: Decomposition, show
     assert in_object.any()
     assert (_carried([held_all], part, visit) == in_object).all()
     assert not _carried(shown, part, visit).any()
+
+
+def test_a_rare_label_gives_way_to_the_one_that_is_common_at_its_place() -> None:
+    rows = [Row((k, 0), ("position",)) for k in range(3)] + [Row((1, 1), ("position", "orientation"))]
+    usual, rare, other = np.array([0, 0, 1, 1, 2]), np.array([0, 0, 3, 3, 2]), np.array([0, 3, 3, 0, 2])
+    got = absorbed([usual, usual, usual, rare, other], rows)
+    np.testing.assert_array_equal(got, [usual, usual, usual, usual, other])
+    np.testing.assert_array_equal(absorbed([usual, usual, rare], rows)[2], rare)
 
 
 def test_what_presses_is_found(found: Decomposition) -> None:

@@ -73,9 +73,9 @@ def labelled(demonstrations: Sequence[Demonstration], found: Decomposition) -> L
 
 
 def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
-    """Labels of one demonstration alone give way to common ones.
+    """Rare labels give way to common ones.
 
-    A label that only one demonstration has becomes the one that at least `COMMON` demonstrations have between the same two
+    A label that fewer than `COMMON` demonstrations have becomes the one that at least `COMMON` have between the same two
     labels, if the position goes to the same goal in both: the other entities were kept from what they do there.
     """
     parts = [segments(own) for own in labels]
@@ -93,7 +93,7 @@ def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
                 for k, _ in between[a.label, c.label].most_common()
                 if rows[k].primitives[0] == goal and len(shown[k]) >= COMMON
             ]
-            if len(shown[b.label]) == 1 and common:
+            if len(shown[b.label]) < COMMON and common:
                 result[m][b.start : b.stop] = common[0]
     return result
 
