@@ -35,27 +35,31 @@ class Case(NamedTuple):
     shown: int
     """Demonstrations."""
     methods: Sequence[str]
+    seed: int = 0
+    """Of the demonstrations and of the practice."""
 
     @property
     def name(self) -> str:
         """Of its rows."""
-        return f"{kebab_case(self.env_id)}-{self.learner}-noise-{self.noise:g}-shown-{self.shown}"
+        return f"{kebab_case(self.env_id)}-{self.learner}-noise-{self.noise:g}-shown-{self.shown}-{self.seed}"
 
 
 CASES: Sequence[Case] = (
-    Case("lfd_gym/Whiteboard-v0", "moa", 3.0, 1, PATH),
+    Case("lfd_gym/Whiteboard-v0", "moa", 3.0, 1, PATH, seed=6),
     Case("lfd_gym/BoxStacking-v0", "sequence-graph", 3.0, 1, GRAPH),
     Case("lfd_gym/LightBulb-v0", "sequence-graph", 3.0, 1, GRAPH),
     Case("lfd_gym/Whiteboard-v0", "moa", 1.0, 3, PATH),
     Case("lfd_gym/BoxStacking-v0", "sequence-graph", 1.0, 3, GRAPH),
     Case("lfd_gym/LightBulb-v0", "sequence-graph", 1.0, 3, GRAPH),
 )
-"""Poor skills, then good ones of the same tasks."""
+"""Skills from poor demonstrations, then from good ones of the same tasks.
+
+On the board a noise-3 demonstration often fails, and one that succeeds often teaches a good skill. Seed 6 is the first whose
+skill solved less than half of the development setups 100000-100009 (2); 0, 1, 3 and 5 solved 8 to 10, 2 and 4 taught nothing.
+"""
 
 
-def run(
-    out: Path, quick: bool, jobs: int, setups: int = 500, episodes: int = 400, seeds: int = 1, only: str = ""
-) -> str:
+def run(out: Path, quick: bool, jobs: int, setups: int = 500, episodes: int = 400, only: str = "") -> str:
     """Make the rows whose names begin with `only`, and the table of all rows that are there.
 
     Args:
@@ -64,7 +68,6 @@ def run(
         jobs: processes.
         setups: of the evaluation.
         episodes: of a practice.
-        seeds: teaching seeds 0, 1, ...; a practice has that of its skill.
         only: such as "whiteboard-moa-noise-3"; all rows if empty.
 
     Raises InvalidArgumentError where a row was made with other numbers.
@@ -72,17 +75,15 @@ def run(
     rows, table = Rows(out, quick, jobs), []
     practised = QUICK_PRACTICE if quick else episodes
     for case in CASES:
-        for seed in range(1 if quick else seeds):
-            before_name = f"{case.name}-{seed}"
-            for method in case.methods:
-                name = f"{before_name}-{method}"
-                if name.startswith(only) or before_name.startswith(only):
-                    _before(rows, case, seed, setups)
-                    _after(rows, case, seed, method, setups, practised)
-                if rows.exists(name) and rows.exists(before_name):
-                    before, after = (rows.kept(row, dict) for row in (before_name, name))
-                    _check(rows, name, before, after, setups, practised)
-                    table.append([*_described(case, seed), method, *_cells(before, after)])
+        for method in case.methods:
+            name = f"{case.name}-{method}"
+            if name.startswith(only):
+                _before(rows, case, setups)
+                _after(rows, case, method, setups, practised)
+            if rows.exists(name):
+                before, after = (rows.kept(row, dict) for row in (case.name, name))
+                _check(rows, name, before, after, setups, practised)
+                table.append([*_described(case), method, *_cells(before, after)])
     header = [
         "task", "learner", "noise", "demonstrations", "teaching seed", "method", "episodes", "simulated h", "kept",
         "before %", "after %", "difference, points", "setups",
@@ -90,26 +91,26 @@ def run(
     return markdown(header, table)
 
 
-def _before(rows: Rows, case: Case, seed: int, setups: int) -> None:
+def _before(rows: Rows, case: Case, setups: int) -> None:
     """The skill as it was learned, and its row."""
-    path = _skill(rows, f"{case.name}-{seed}")
+    path = _skill(rows, case.name)
     if not path.exists():
-        shown = record(case.env_id, teacher(case.env_id, case.noise), case.shown, seed).demonstrations
+        shown = record(case.env_id, teacher(case.env_id, case.noise), case.shown, case.seed).demonstrations
         path.parent.mkdir(parents=True, exist_ok=True)
         load(LEARNERS[case.learner])().fit(shown).skill_.save(path)
-    rows.kept(f"{case.name}-{seed}", lambda: {"report": _report(rows, case, path, setups)})
+    rows.kept(case.name, lambda: {"report": _report(rows, case, path, setups)})
 
 
-def _after(rows: Rows, case: Case, seed: int, method: str, setups: int, episodes: int) -> None:
+def _after(rows: Rows, case: Case, method: str, setups: int, episodes: int) -> None:
     """Practise, and the row of what came of it."""
-    finetune, name = load("policies.reinforcement.finetuning:finetune"), f"{case.name}-{seed}-{method}"
+    finetune, name = load("policies.reinforcement.finetuning:finetune"), f"{case.name}-{method}"
     path = _skill(rows, name)
 
     def row() -> dict[str, Any]:
         if not path.exists():
-            skill = load_skill(_skill(rows, f"{case.name}-{seed}"))
+            skill = load_skill(_skill(rows, case.name))
             folder = rows.folder / "practice" / name
-            finetune(method, skill, case.env_id, episodes, folder, seed=seed, jobs=rows.jobs).save(path)
+            finetune(method, skill, case.env_id, episodes, folder, seed=case.seed, jobs=rows.jobs).save(path)
         facts = dict(load_skill(path).metadata["finetuned"])
         return {"asked": episodes, "facts": facts, "report": _report(rows, case, path, setups)}
 
@@ -137,8 +138,8 @@ def _check(
         )
 
 
-def _described(case: Case, seed: int) -> list[str]:
-    return [kebab_case(case.env_id), case.learner, f"{case.noise:g}", str(case.shown), str(seed)]
+def _described(case: Case) -> list[str]:
+    return [kebab_case(case.env_id), case.learner, f"{case.noise:g}", str(case.shown), str(case.seed)]
 
 
 def _cells(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
