@@ -77,7 +77,7 @@ def run(out: Path, quick: bool, jobs: int, setups: int = 500, episodes: int = 40
     for case in CASES:
         for method in case.methods:
             name = f"{case.name}-{method}"
-            if name.startswith(only):
+            if name.startswith(only) and not rows.exists(name):
                 _before(rows, case, setups)
                 _after(rows, case, method, setups, practised)
             if rows.exists(name):
