@@ -309,6 +309,7 @@ def compare(
     quick: Annotated[bool, typer.Option("--quick", help="A few decisions and episodes on development seeds.")] = False,
     jobs: JobsOption = 1,
     backend: Annotated[str, typer.Option(help="Of joblib: 'loky', or 'ray' on a cluster.")] = "loky",
+    finished: Annotated[bool, typer.Option("--finished", help="Run nothing: the table of the rows there are.")] = False,
 ) -> None:
     """Compare skills and reinforcement learning on the same setups; the same command again goes on where it stopped."""
     from lfd_gym.experiments import comparison
@@ -317,7 +318,7 @@ def compare(
 
     tasks = [environment_id(name) for name in env or [f"lfd_gym/{task}-v0" for task in comparison.TASKS]]
     asked = comparison.Comparison(tasks, tuple(method or ()), range(seeds), n, demos, steps, backend)
-    table = comparison.compare(asked, out, quick, jobs)
+    table = comparison.compare(asked, out, quick, jobs, finished)
     with written_whole(out / "table.md") as temporary:
         temporary.write_text(table + "\n")
     print(table)

@@ -73,8 +73,27 @@ def test_jobs_are_those_of_the_issue() -> None:
     assert jobs["light-bulb-ppo-0"].decisions == 100_000
     assert jobs["light-bulb-sac-demos-1"].demonstrations == 3
     assert jobs["light-bulb-ppo-1"].demonstrations == jobs["light-bulb-random-0"].demonstrations == 0
+    assert jobs["light-bulb-decomposition-0"].demonstrations == 9
+    assert jobs["move-object-decomposition-0"].demonstrations == 3
     assert "light-bulb-random-1" not in jobs
     assert "light-bulb-sac-0" not in jobs
+
+
+def test_rows_that_are_there_make_a_table_and_say_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(comparison, "_perform", lambda rows, job: pytest.fail(f"{job.name} was run"))
+    asked = Comparison([ENV_ID], ("teacher", "random", "sequence-graph"), range(2), episodes=2)
+    with pytest.raises(InvalidArgumentError, match="none of the 4 rows"):
+        compare(asked, tmp_path, finished=True)
+    rows = Rows(tmp_path)
+    for job in asked.jobs()[1:3]:
+        rows.write(job.name, {**row(job.method, job.seed, [1, 0]), "job": comparison._asked(rows, job)})
+    lines = compare(asked, tmp_path, finished=True).splitlines()
+    assert [line.split(" | ")[1] for line in lines[2:4]] == ["random", "sequence-graph"]
+    assert lines[-1] == "2 of 4 jobs have not been run."
+    described = json.loads((tmp_path / "comparison.json").read_text())
+    assert described["missing"] == ["move-object-teacher-0", "move-object-sequence-graph-1"]
 
 
 def test_a_killed_comparison_repeats_no_finished_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,11 @@ import pytest
 import toy
 from scipy.integrate import solve_ivp
 
+from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.experiments import (
     EXPERIMENTS,
     classifiers,
+    finetuning,
     goal_learning,
     graphs,
     grasping,
@@ -308,6 +310,22 @@ def test_commands(
     table = run(tmp_path, True, 1)
     assert all(line in table for line in lines)
     assert run(tmp_path, True, 1) == table
+
+
+@pytest.mark.slow  # teaches, practises and performs
+def test_practice_is_compared_with_the_skill_it_started_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("cma", reason="the rl extra is not installed")
+    monkeypatch.setattr(rows, "QUICK_EPISODES", 1)
+    case = finetuning.Case(MOVE_OBJECT, "sequence-graph", 1.0, 1, ("cma",))
+    monkeypatch.setattr(finetuning, "CASES", (case,))
+    assert "move-object" not in finetuning.run(tmp_path, True, 1, only="light-bulb")
+    table = finetuning.run(tmp_path, True, 1)
+    assert "| move-object | sequence-graph | 1 | 1 | 0 | cma |" in table
+    monkeypatch.setattr(finetuning, "load_skill", lambda path: pytest.fail("a finished row was made again"))
+    assert finetuning.run(tmp_path, True, 1) == table
+    monkeypatch.setattr(finetuning, "QUICK_PRACTICE", 32)
+    with pytest.raises(InvalidArgumentError, match="made with 16 episodes"):
+        finetuning.run(tmp_path, True, 1)
 
 
 def test_the_thesis_taught_as_often() -> None:

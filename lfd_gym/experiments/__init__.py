@@ -25,5 +25,6 @@ EXPERIMENTS: dict[str, str] = {
     "writing": "lfd_gym.experiments.writing:run",
     "decomposition-methods": "lfd_gym.experiments.decomposition_methods:run",
     "moa-tasks": "lfd_gym.experiments.moa_tasks:run",
+    "finetuning": "lfd_gym.experiments.finetuning:run",
     "comparison": "lfd_gym.experiments.comparison:run",
 }

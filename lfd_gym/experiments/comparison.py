@@ -26,12 +26,14 @@ from policies import LEARNERS
 from policies.reinforcement.settings import METHODS
 
 TASKS = ("MoveObject", "LightBulb", "BoxStacking", "BoxFlipping", "Whiteboard")
-COMPARED = ("sequence-graph", "moa", "bc", "bc-chunks", "sac-demos", "ppo", "teacher", "random")
+COMPARED = ("sequence-graph", "decomposition", "moa", "bc", "bc-chunks", "sac-demos", "ppo", "teacher", "random")
 """Methods of a comparison if none are named; the first is what the others are tested against."""
 MORE: Mapping[str, Sequence[str]] = {"lfd_gym/MoveObject-v0": ("sac", "sac-sparse", "sac-demos-sparse")}
 """Further ones for some tasks."""
 SHOWN = 3
 """Demonstrations where a task has no number of its own."""
+SHOWN_TO: Mapping[str, Mapping[str, int]] = {"decomposition": {"lfd_gym/LightBulb-v0": 9}}
+"""Demonstrations of a method that needs more than `TEACHING` says: without labels, turns of a bulb are told apart by many."""
 DECISIONS: Mapping[str, Mapping[str, int]] = {
     "lfd_gym/MoveObject-v0": {"sac": 300_000, "ppo": 3_000_000},
     "": {"sac": 100_000, "ppo": 100_000},
@@ -72,7 +74,7 @@ class Comparison:
     seeds: Sequence[int] = range(3)
     episodes: int = 100
     demonstrations: int | None = None
-    """Per learner; `TEACHING` if left out."""
+    """Per learner; `TEACHING` and `SHOWN_TO` if left out."""
     decisions: int | None = None
     """Per training; `DECISIONS` if left out."""
     backend: str = "loky"
@@ -89,7 +91,8 @@ class Comparison:
         return found
 
     def _job(self, env_id: str, method: str, seed: int) -> Job:
-        shown, decisions = self.demonstrations or TEACHING.get(env_id, SHOWN), 0
+        needed = SHOWN_TO.get(method, {}).get(env_id, TEACHING.get(env_id, SHOWN))
+        shown, decisions = self.demonstrations or needed, 0
         if method in METHODS:
             own = DECISIONS.get(env_id, DECISIONS[""])
             decisions = own[METHODS[method].algorithm] if self.decisions is None else self.decisions
@@ -103,32 +106,46 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     return compare(Comparison([f"lfd_gym/{task}-v0" for task in TASKS]), out, quick, jobs)
 
 
-def compare(comparison: Comparison, out: Path, quick: bool = False, processes: int = 1) -> str:
+def compare(comparison: Comparison, out: Path, quick: bool = False, processes: int = 1, finished: bool = False) -> str:
     """Perform what is missing, write `comparison.json` and the learning curves, and return the table.
 
-    Raises InvalidArgumentError where a row was made for another comparison, and LfdGymError, after all other jobs are done,
-    if a job failed.
+    With `finished` nothing is performed: the table is that of the rows that are there, and says how many are not.
+
+    Raises InvalidArgumentError where a row was made for another comparison or none is finished, and LfdGymError, after all
+    other jobs are done, if a job failed.
     """
     jobs, rows = comparison.jobs(), Rows(out, quick)
     missing = [job for job in jobs if not rows.exists(job.name)]
-    with _backend(comparison.backend):
-        finished = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)(
-            joblib.delayed(_attempt)(rows, job) for job in missing
-        )
-        errors = [error for error in track(finished, len(missing), "jobs") if error is not None]
-    if errors:
-        raise LfdGymError(f"{len(errors)} of {len(jobs)} jobs failed, the others are done: {'; '.join(errors)}")
+    if not finished:
+        _perform_all(rows, missing, comparison.backend, processes)
+        missing = []
     made = []
     for job in jobs:
+        if job in missing:
+            continue
         row = rows.kept(job.name, dict)
         if row["job"] != _asked(rows, job):
             raise InvalidArgumentError(
                 f"the row '{job.name}' in '{out}' was made for {row['job']}; choose another --out"
             )
         made.append(row)
-    rows.write("comparison", summary(made))
+    if not made:
+        raise InvalidArgumentError(f"none of the {len(jobs)} rows is in '{out}'; leave --finished out to make them")
+    rows.write("comparison", summary(made) | {"missing": [job.name for job in missing]})
     draw(made, rows.folder)
-    return table(made)
+    remark = f"\n\n{len(missing)} of {len(jobs)} jobs have not been run." if missing else ""
+    return table(made) + remark
+
+
+def _perform_all(rows: Rows, jobs: Sequence[Job], backend: str, processes: int) -> None:
+    """Make these rows; LfdGymError names the jobs that failed."""
+    with _backend(backend):
+        done = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)(
+            joblib.delayed(_attempt)(rows, job) for job in jobs
+        )
+        errors = [error for error in track(done, len(jobs), "jobs") if error is not None]
+    if errors:
+        raise LfdGymError(f"{len(errors)} of {len(jobs)} jobs failed, the others are done: {'; '.join(errors)}")
 
 
 def check_method(method: str) -> None:
