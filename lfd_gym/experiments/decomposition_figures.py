@@ -49,16 +49,27 @@ def draw(demonstration: Demonstration, found: Decomposition, path: Path) -> None
 
 
 def _goals(ax: Any, found: Decomposition, colours: Any) -> None:
-    """Goals of the position, away from the origin of their frames over height, with ellipses of `SIGMAS`."""
-    part = found.entities["position"]
-    for k, primitive in enumerate(part.primitives):
+    """Goals of the position, away from the origin of their frames over height, with ellipses of `SIGMAS`; bands where only the
+    height matters."""
+    for k, primitive in enumerate(found.entities["position"].primitives):
+        style = {
+            "alpha": 0.5,
+            "color": colours[k % len(colours)],
+            "label": f"{k + 1}: {primitive.space.frame}, {primitive.confidence:.0%}",
+        }
+        x, z = float(primitive.goal[0]), float(primitive.goal[2])
         covariance = primitive.covariance[np.ix_([0, 2], [0, 2])]
+        if primitive.axes[0] == "hold":
+            spread = SIGMAS * float(np.sqrt(covariance[1, 1]))
+            ax.axhspan(z - spread, z + spread, **style)
+            continue
         values, vectors = np.linalg.eigh(covariance)
         angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
         width, height = 2.0 * SIGMAS * np.sqrt(np.maximum(values[::-1], 1e-6))
-        centre = float(primitive.goal[0]), float(primitive.goal[2])
-        ax.add_patch(Ellipse(centre, width, height, angle=angle, alpha=0.5, color=colours[k % len(colours)]))
-        ax.annotate(f"{k + 1}: {primitive.space.frame} {primitive.confidence:.0%}", centre, fontsize=7)
+        ax.add_patch(Ellipse((x, z), width, height, angle=angle, **style))
+        ax.annotate(str(k + 1), (x, z), fontsize=7)
     ax.autoscale_view()
+    ax.locator_params(axis="x", nbins=4)
     ax.set_xlabel("x or radius in its frame [m]")
     ax.set_ylabel("z in its frame [m]")
+    ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), fontsize=7, ncols=2, frameon=False)
