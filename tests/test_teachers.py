@@ -31,6 +31,7 @@ class Performance(NamedTuple):
     observations: list[dict[str, np.ndarray]]
     actions: np.ndarray
     labels: np.ndarray
+    progress: np.ndarray
     success: bool
     layout: ActionLayout
 
@@ -50,7 +51,7 @@ def perform(env_id: str, noise: float, seed: int, draws: int = 0, steps: int | N
     env, actor = environment(env_id), teacher(env_id, noise=noise)
     observation, info = env.reset(seed=seed)
     actor.reset(np.random.default_rng([seed, draws]), env.action_layout, env.dt)
-    observations, actions, labels = [observation], [], []
+    observations, actions, labels, progress = [observation], [], [], []
     ended = False
     while not ended and (steps is None or len(actions) < steps):
         action, label = actor.act(observation)
@@ -59,7 +60,9 @@ def perform(env_id: str, noise: float, seed: int, draws: int = 0, steps: int | N
         observations.append(observation)
         actions.append(action)
         labels.append(label)
-    return Performance(observations, np.array(actions), np.array(labels), info["is_success"], env.action_layout)
+        progress.append(env.progress())
+    done = (np.array(actions), np.array(labels), np.array(progress), info["is_success"])
+    return Performance(observations, *done, env.action_layout)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -68,6 +71,13 @@ def perform(env_id: str, noise: float, seed: int, draws: int = 0, steps: int | N
 @pytest.mark.slow  # an episode of a minute takes some seconds
 def test_teachers_succeed(env_id: str, scale: float, seed: int) -> None:
     assert perform(env_id, scale, seed).success
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_dense_reward_does_not_punish_the_way_to_success(env_id: str) -> None:
+    progress = perform(env_id, 0.0, SEEDS[0]).progress
+    assert progress[-1] > 0.8
+    assert (np.maximum.accumulate(progress) - progress).max() < 0.12
 
 
 @pytest.mark.slow  # shares the episodes of the test before
