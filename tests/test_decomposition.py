@@ -147,6 +147,13 @@ def test_a_rare_label_gives_way_to_the_one_that_is_common_at_its_place() -> None
     np.testing.assert_array_equal(absorbed([usual, usual, rare], rows)[2], rare)
 
 
+def test_rare_labels_in_a_row_give_way_together() -> None:
+    rows = [Row((k, 0), ("position",)) for k in range(4)] + [Row((k, 1), ("position",)) for k in (1, 2, 3)]
+    usual, rare, elsewhere = np.array([0, 1, 1, 2, 3]), np.array([0, 4, 4, 5, 3]), np.array([0, 4, 4, 6, 3])
+    got = absorbed([usual, usual, usual, rare, elsewhere], rows)
+    np.testing.assert_array_equal(got, [usual, usual, usual, usual, elsewhere])
+
+
 def test_what_presses_is_found(found: Decomposition) -> None:
     pressing = [p for p in found.entities["position"].primitives if "force" in p.axes]
     assert len(pressing) == 1

@@ -4,7 +4,7 @@ Every group of changes (`changes.py`) begins a label.
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
 from policies.decomposition.changes import changes, together
 from policies.decomposition.result import Decomposition, EntityDecomposition
 from policies.decomposition.task_spaces import TaskSpace, coordinates
-from policies.sequence_graph import segments
+from policies.sequence_graph import Segment, segments
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -75,27 +75,46 @@ def labelled(demonstrations: Sequence[Demonstration], found: Decomposition) -> L
 def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
     """Rare labels give way to common ones.
 
-    A label that fewer than `COMMON` demonstrations have becomes the one that at least `COMMON` have between the same two
-    labels, if the position goes to the same goal in both: the other entities were kept from what they do there.
+    Labels in a row that fewer than `COMMON` demonstrations have become those that another demonstration has between the same
+    two labels, if at least `COMMON` have each of these, and the position goes to the same goals: the other entities were kept
+    from what they do there.
     """
     parts = [segments(own) for own in labels]
-    shown = {k: {m for m, own in enumerate(labels) if k in own} for k in range(len(rows))}
-    between: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
+    shown = Counter(k for own in labels for k in set(own.tolist()))
+    between: dict[tuple[int, int, tuple[int, ...]], Counter[tuple[int, ...]]] = defaultdict(Counter)
+    runs = [list(_runs(own, [shown[part.label] < COMMON for part in own])) for own in parts]
+    lengths = {len(run) for rare in runs for run in rare}
     for own in parts:
-        for a, b, c in zip(own[:-2], own[1:-1], own[2:], strict=True):
-            between[a.label, c.label][b.label] += 1
+        for n in lengths:
+            for i in range(len(own) - n + 1):
+                run = own[i : i + n]
+                names = tuple(part.label for part in run[1:-1])
+                if min(shown[k] for k in names) >= COMMON:
+                    between[run[0].label, run[-1].label, _goals(names, rows)][names] += 1
     result = [own.copy() for own in labels]
-    for m, own in enumerate(parts):
-        for a, b, c in zip(own[:-2], own[1:-1], own[2:], strict=True):
-            goal = rows[b.label].primitives[0]
-            common = [
-                k
-                for k, _ in between[a.label, c.label].most_common()
-                if rows[k].primitives[0] == goal and len(shown[k]) >= COMMON
-            ]
-            if len(shown[b.label]) < COMMON and common:
-                result[m][b.start : b.stop] = common[0]
+    for m, rare in enumerate(runs):
+        for rare_run in rare:
+            goals = _goals([part.label for part in rare_run[1:-1]], rows)
+            for names, _ in between[rare_run[0].label, rare_run[-1].label, goals].most_common(1):
+                for part, k in zip(rare_run[1:-1], names, strict=True):
+                    result[m][part.start : part.stop] = k
     return result
+
+
+def _runs(parts: Sequence[Segment], rare: Sequence[bool]) -> Iterator[Sequence[Segment]]:
+    """Rare parts in a row, with the part before and the part after."""
+    i = 1
+    while i < len(parts) - 1:
+        stop = i
+        while stop < len(parts) - 1 and rare[stop]:
+            stop += 1
+        if stop > i and not (rare[i - 1] or rare[stop]):
+            yield parts[i - 1 : stop + 1]
+        i = stop + 1
+
+
+def _goals(names: Sequence[int], rows: Sequence[Row]) -> tuple[int, ...]:
+    return tuple(rows[k].primitives[0] for k in names)
 
 
 def control(part: EntityDecomposition, k: int, number: int) -> EntityControl:
