@@ -137,14 +137,14 @@ MUTANTS = (
         "lfd_gym/sensing.py",
         "    for body in frames:",
         "    for body in frames[::-1]:",
-        "tests/test_environments.py -k object_of_its_name",
+        "tests/test_setups.py -k object_of_its_name",
     ),
     Mutant(
         "a hidden quantity in the observation",
         "lfd_gym/envs/manipulation_env.py",
         "        np.maximum(flat, self._low, out=flat)",
         "        flat[0] += 1e-3 * self._hidden.sum()\n        np.maximum(flat, self._low, out=flat)",
-        "tests/test_environments.py -k hidden",
+        "tests/test_setups.py -k hidden",
     ),
     Mutant(
         "the environment's seed ignored",

@@ -12,7 +12,7 @@ from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
 from policies.decomposition.bayesian import decompose
-from policies.decomposition.changes import Visit, _carried, changes, together
+from policies.decomposition.changes import Visit, _carried, _places, changes, together
 from policies.decomposition.checks import DecompositionWarning
 from policies.decomposition.evidence import LOG_APART, Evidence, Statistics
 from policies.decomposition.labelling import Row, absorbed, labelled
@@ -135,8 +135,8 @@ def test_a_frame_that_is_carried_along_fits_by_itself(found: Decomposition, show
     in_object = np.array([primitive.space.frame != "world" for primitive in part.primitives])
     visit = Visit(0, start, stop, 0)
     assert in_object.any()
-    assert (_carried([held_all], part, visit) == in_object).all()
-    assert not _carried(shown, part, visit).any()
+    assert (_carried(_places(held_all, part), part, visit) == in_object).all()
+    assert not _carried(_places(shown[0], part), part, visit).any()
 
 
 def test_a_rare_label_gives_way_to_the_one_that_is_common_at_its_place() -> None:

@@ -119,22 +119,23 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
     if not finished:
         _perform_all(rows, missing, comparison.backend, processes)
         missing = []
-    made = []
-    for job in jobs:
-        if job in missing:
-            continue
-        row = rows.kept(job.name, dict)
-        if row["job"] != _asked(rows, job):
-            raise InvalidArgumentError(
-                f"the row '{job.name}' in '{out}' was made for {row['job']}; choose another --out"
-            )
-        made.append(row)
+    made = [_row(rows, job) for job in jobs if job not in missing]
     if not made:
         raise InvalidArgumentError(f"none of the {len(jobs)} rows is in '{out}'; leave --finished out to make them")
     rows.write("comparison", summary(made) | {"missing": [job.name for job in missing]})
     draw(made, rows.folder)
     remark = f"\n\n{len(missing)} of {len(jobs)} jobs have not been run." if missing else ""
     return table(made) + remark
+
+
+def _row(rows: Rows, job: Job) -> dict[str, Any]:
+    """A finished row; InvalidArgumentError if it was made for another comparison."""
+    row: dict[str, Any] = rows.kept(job.name, dict)
+    if row["job"] != _asked(rows, job):
+        raise InvalidArgumentError(
+            f"the row '{job.name}' in '{rows.out}' was made for {row['job']}; choose another --out"
+        )
+    return row
 
 
 def _perform_all(rows: Rows, jobs: Sequence[Job], backend: str, processes: int) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lfd_gym.errors import InvalidArgumentError
-from lfd_gym.evaluation import evaluate
 from lfd_gym.experiments.comparison_report import by_setup, paired
 from lfd_gym.experiments.learning import teacher
 from lfd_gym.experiments.rows import Rows, markdown, success
@@ -98,7 +97,7 @@ def _before(rows: Rows, case: Case, setups: int) -> None:
         shown = record(case.env_id, teacher(case.env_id, case.noise), case.shown, case.seed).demonstrations
         path.parent.mkdir(parents=True, exist_ok=True)
         load(LEARNERS[case.learner])().fit(shown).skill_.save(path)
-    rows.kept(case.name, lambda: {"report": _report(rows, case, path, setups)})
+    rows.kept(case.name, lambda: {"report": rows.report(case.env_id, load_skill(path), setups)})
 
 
 def _after(rows: Rows, case: Case, method: str, setups: int, episodes: int) -> None:
@@ -112,18 +111,13 @@ def _after(rows: Rows, case: Case, method: str, setups: int, episodes: int) -> N
             folder = rows.folder / "practice" / name
             finetune(method, skill, case.env_id, episodes, folder, seed=case.seed, jobs=rows.jobs).save(path)
         facts = dict(load_skill(path).metadata["finetuned"])
-        return {"asked": episodes, "facts": facts, "report": _report(rows, case, path, setups)}
+        return {"asked": episodes, "facts": facts, "report": rows.report(case.env_id, load_skill(path), setups)}
 
     rows.kept(name, row)
 
 
 def _skill(rows: Rows, name: str) -> Path:
     return rows.folder / "skills" / f"{name}.npz"
-
-
-def _report(rows: Rows, case: Case, path: Path, setups: int) -> dict[str, Any]:
-    seeds = rows.seeds(setups)
-    return evaluate(case.env_id, load_skill(path), len(seeds), seeds[0], jobs=rows.jobs, progress=True).to_dict()
 
 
 def _check(

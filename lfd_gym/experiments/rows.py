@@ -65,14 +65,16 @@ class Rows:
         env_kwargs: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
         """One evaluation, as `EvaluationReport.to_dict`; `policy()` is called only if it has to be made."""
+        return self.kept(name, lambda: self.report(env_id, policy(), episodes, env_kwargs))
+
+    def report(
+        self, env_id: str, policy: Any, episodes: int = 100, env_kwargs: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """One evaluation that is not kept."""
         seeds = self.seeds(episodes)
-
-        def report() -> dict[str, Any]:
-            return evaluate(
-                env_id, policy(), len(seeds), seeds[0], jobs=self.jobs, env_kwargs=env_kwargs, progress=True
-            ).to_dict()
-
-        return self.kept(name, report)
+        return evaluate(
+            env_id, policy, len(seeds), seeds[0], jobs=self.jobs, env_kwargs=env_kwargs, progress=True
+        ).to_dict()
 
     def observed(
         self,

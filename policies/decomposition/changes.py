@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.demonstration import Demonstration
-from policies.decomposition.observed import CARRIED, FAR, UNIT
+from policies.decomposition.observed import UNIT, carried_along
 from policies.decomposition.result import Decomposition, EntityDecomposition
 from policies.decomposition.segmentation import SETTLING, contacts, motions, signals
 from policies.decomposition.task_spaces import TaskSpace, coordinates
@@ -150,13 +150,16 @@ def _hidden(
     """Changes of the orientation that do not show."""
     part = found.entities["orientation"]
     errors = [_errors(demonstration, part) for demonstration in demonstrations]
+    places = [_places(demonstration, part) for demonstration in demonstrations]
     visits: dict[tuple[int, int], list[Visit]] = defaultdict(list)
     for m, own in enumerate(shown):
         for between, visit in _visits(own, m, found, len(demonstrations[m])):
             visits[between].append(visit)
     wanted: list[dict[int, int]] = [{} for _ in demonstrations]
     for alike in visits.values():
-        fits = np.array([(errors[v.demonstration][v.stop] < FITS) & ~_carried(demonstrations, part, v) for v in alike])
+        fits = np.array(
+            [(errors[v.demonstration][v.stop] < FITS) & ~_carried(places[v.demonstration], part, v) for v in alike]
+        )
         used = np.bincount([v.orientation for v in alike], minlength=fits.shape[1])
         best = int(np.lexsort((used, fits.sum(axis=0) * (used > 0)))[-1])
         for v, fit in zip(alike, fits, strict=True):
@@ -191,16 +194,17 @@ def _visits(
             before = active["position"]
 
 
-def _carried(demonstrations: Sequence[Demonstration], part: EntityDecomposition, visit: Visit) -> NDArray[np.bool_]:
+def _carried(places: Array, part: EntityDecomposition, visit: Visit) -> NDArray[np.bool_]:
     """(K,) whether the frame of a primitive of the orientation is carried on a visit: what is held always fits."""
+    ways = np.linalg.norm(places[:, visit.stop] - places[:, visit.start], axis=1)
+    carried = carried_along(ways / UNIT["position"])
+    return carried[[part.data.spaces.index(primitive.space) for primitive in part.primitives]]
+
+
+def _places(demonstration: Demonstration, part: EntityDecomposition) -> Array:
+    """(F, T + 1, 3) the tool in the frame of every task space of the orientation [m]."""
     spaces = [TaskSpace(space.frame, "cartesian") for space in part.data.spaces]
-    ways = {}
-    for space in spaces:
-        x, _ = coordinates(demonstrations[visit.demonstration], "position", space)
-        ways[space.frame] = float(np.linalg.norm(x[visit.stop] - x[visit.start]))
-    farthest = max(ways.values())
-    moved = farthest > FAR * UNIT["position"]
-    return np.array([moved and ways[primitive.space.frame] < CARRIED * farthest for primitive in part.primitives])
+    return np.stack([coordinates(demonstration, "position", space)[0] for space in spaces])
 
 
 def _errors(demonstration: Demonstration, part: EntityDecomposition) -> Array:

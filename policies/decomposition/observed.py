@@ -194,11 +194,17 @@ def _constants(data: EntitySegments, lengths: Array, unit: float) -> Array:
             near = np.array([row[i].end[0] for row in data.views]) < NEAR_AXIS * unit
             constants[near, i] = AXIS_PENALTY
     farthest = lengths.max(axis=1, keepdims=True)
-    carried = (farthest > FAR) & (lengths < CARRIED * farthest)
+    carried = carried_along(lengths)
     for i in range(1, len(carried)):
         if farthest[i, 0] <= FAR and data.segments[i].demonstration == data.segments[i - 1].demonstration:
             carried[i] = carried[i - 1]
     return np.asarray(constants + CARRIED_PENALTY * carried)
+
+
+def carried_along(ways: Array) -> NDArray[np.bool_]:
+    """(..., F) whether a frame is carried, from the entity's ways (..., F) in all frames, in units."""
+    farthest = ways.max(axis=-1, keepdims=True)
+    return np.asarray((farthest > FAR) & (ways < CARRIED * farthest))
 
 
 def _held(ways: Array, held: NDArray[np.bool_], moves: NDArray[np.bool_]) -> Array:
