@@ -36,11 +36,18 @@ class Case(NamedTuple):
     methods: Sequence[str]
     seed: int = 0
     """Of the demonstrations and of the practice."""
+    graph: str = ""
+    """Of a sequence graph; the learner's own default if empty."""
 
     @property
     def name(self) -> str:
         """Of its rows."""
-        return f"{kebab_case(self.env_id)}-{self.learner}-noise-{self.noise:g}-shown-{self.shown}-{self.seed}"
+        return f"{kebab_case(self.env_id)}-{self.described}-noise-{self.noise:g}-shown-{self.shown}-{self.seed}"
+
+    @property
+    def described(self) -> str:
+        """The learner, and its graph if it is not the default."""
+        return f"{self.graph}-{self.learner}" if self.graph else self.learner
 
 
 CASES: Sequence[Case] = (
@@ -96,7 +103,8 @@ def _before(rows: Rows, case: Case, setups: int) -> None:
     if not path.exists():
         shown = record(case.env_id, teacher(case.env_id, case.noise), case.shown, case.seed).demonstrations
         path.parent.mkdir(parents=True, exist_ok=True)
-        load(LEARNERS[case.learner])().fit(shown).skill_.save(path)
+        parameters = {"graph": case.graph} if case.graph else {}
+        load(LEARNERS[case.learner])(**parameters).fit(shown).skill_.save(path)
     rows.kept(case.name, lambda: {"report": rows.report(case.env_id, load_skill(path), setups)})
 
 
@@ -133,7 +141,7 @@ def _check(
 
 
 def _described(case: Case) -> list[str]:
-    return [kebab_case(case.env_id), case.learner, f"{case.noise:g}", str(case.shown), str(case.seed)]
+    return [kebab_case(case.env_id), case.described, f"{case.noise:g}", str(case.shown), str(case.seed)]
 
 
 def _cells(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:

@@ -30,6 +30,8 @@ def make_agent(settings: TrainingSettings, envs: VecEnv, quiet: float | None = N
         SteadySACPolicy,
         envs,
         cloning=settings.cloning,
+        resting=settings.resting,
+        critic_first=settings.critic_first,
         train_freq=settings.rollout // settings.n_envs,
         replay_buffer_class=DemonstrationBuffer,
         replay_buffer_kwargs={

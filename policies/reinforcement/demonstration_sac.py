@@ -111,14 +111,17 @@ class DemonstrationSAC(SAC):
     """SAC (Haarnoja et al. 2018) whose actor is also pulled to demonstrated decisions that its critics prefer.
 
         loss = mean(alpha log pi(a | s) - min Q(s, a)) + cloning * mean over demonstrated (s, d) of
-               [min Q(s, d) > min Q(s, a)] |mode(s) - d|^2
+               [min Q(s, d) > min Q(s, a)] |mode(s) - d|^2 + resting * mean of [min Q(s, 0) > min Q(s, a)] |mode(s)|^2
 
     The filter is that of Nair et al. (2018): what was demonstrated counts only where it is better than what the agent does.
-    With cloning 0 or no demonstrations it is SAC.
+    The last term pulls a residual to the zero that it starts from. The actor learns after the critics' first `critic_first`
+    updates. With both weights and `critic_first` 0 it is SAC.
     """
 
-    def __init__(self, *arguments: Any, cloning: float = 0.0, **further: Any) -> None:
-        self.cloning = cloning
+    def __init__(
+        self, *arguments: Any, cloning: float = 0.0, resting: float = 0.0, critic_first: int = 0, **further: Any
+    ) -> None:
+        self.cloning, self.resting, self.critic_first = cloning, resting, critic_first
         super().__init__(*arguments, **further)
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
@@ -126,35 +129,45 @@ class DemonstrationSAC(SAC):
         self.policy.set_training_mode(True)
         for _ in range(gradient_steps):
             self._update(batch_size)
-        self._n_updates += gradient_steps
+            self._n_updates += 1
 
     def _update(self, batch_size: int) -> None:
         buffer: Any = self.replay_buffer
         log_alpha: Any = self.log_ent_coef
         batch, shown = buffer.sample(batch_size, env=self._vec_normalize_env), buffer.demonstrated(batch_size)
-        actions, log_prob, mean = self._decide(batch.observations)
-        alpha = log_alpha.detach().exp()
         critic: Any = self.critic
         with torch.no_grad():
             target: Any = self.critic_target
-            following, following_log_prob, _ = self._decide(batch.next_observations)
-            value = target.values(batch.next_observations, following).amin(dim=0) - alpha * following_log_prob
+            following, log_prob, _ = self._decide(batch.next_observations)
+            value = target.values(batch.next_observations, following).amin(dim=0) - log_alpha.exp() * log_prob
             goal = batch.rewards + (1.0 - batch.dones) * batch.discounts * value
         present = critic.values(batch.observations, batch.actions)
         _descend(self.critic.optimizer, 0.5 * (present - goal).square().mean(dim=(1, 2)).sum())
+        if self._n_updates >= self.critic_first:
+            self._improve(batch, present.detach().amin(dim=0), shown)
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self.critic_target.parameters()), list(self.critic.parameters()), self.tau)
+
+    def _improve(self, batch: ReplayBufferSamples, present: Tensor, shown: int) -> None:
+        """One step of actor and temperature; `present` (B, 1) values what was done, and the last `shown` are demonstrated."""
+        log_alpha: Any = self.log_ent_coef
+        critic: Any = self.critic
+        actions, log_prob, mean = self._decide(batch.observations)
+        mode = torch.tanh(mean)
         self.critic.requires_grad_(False)
         reached = critic.values(batch.observations, actions).amin(dim=0)
-        loss = (alpha * log_prob - reached).mean()
+        loss = (log_alpha.detach().exp() * log_prob - reached).mean()
         if self.cloning and shown:
-            error = (torch.tanh(mean[-shown:]) - batch.actions[-shown:]).square().sum(dim=1, keepdim=True)
-            better = present.detach().amin(dim=0)[-shown:] > reached.detach()[-shown:]
-            loss = loss + self.cloning * (better * error).mean()
+            last = slice(-shown, None)
+            loss = loss + self.cloning * _pull(mode[last], batch.actions[last], present[last] > reached[last])
+        if self.resting:
+            rest = torch.zeros_like(mode)
+            at_rest = critic.values(batch.observations, rest).amin(dim=0)
+            loss = loss + self.resting * _pull(mode, rest, at_rest > reached)
         _descend(self.actor.optimizer, loss)
         self.critic.requires_grad_(True)
         entropy_error = (log_prob.detach() + float(self.target_entropy)).mean()
         _descend(self.ent_coef_optimizer, -(log_alpha * entropy_error).sum())
-        with torch.no_grad():
-            torch._foreach_lerp_(list(self.critic_target.parameters()), list(self.critic.parameters()), self.tau)
 
     def _decide(self, observations: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Random decisions, their log-densities (N, 1), and the mean before it is squashed."""
@@ -166,6 +179,11 @@ class DemonstrationSAC(SAC):
         squashing = 2.0 * (math.log(2.0) - raw - nn.functional.softplus(-2.0 * raw))
         density = -0.5 * noise.square() - log_std - 0.5 * math.log(2.0 * math.pi) - squashing
         return torch.tanh(raw), density.sum(dim=1, keepdim=True), mean
+
+
+def _pull(mode: Tensor, wanted: Tensor, better: Tensor) -> Tensor:
+    """Mean squared distance where what is wanted is better (B, 1)."""
+    return (better.detach() * (mode - wanted).square().sum(dim=1, keepdim=True)).mean()
 
 
 def _descend(optimizer: Any, loss: Tensor) -> None:

@@ -43,7 +43,7 @@ def learn_residual(practice: Practice) -> Practised:
     skill = practice.skill
 
     def env() -> Any:
-        return ResidualView(timed(practice.env_id, "dense", practice.env_kwargs), skill)
+        return ResidualView(timed(practice.env_id, "dense", practice.env_kwargs, ends=True), skill)
 
     example = env()
     view = View.of(example)

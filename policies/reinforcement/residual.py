@@ -83,10 +83,10 @@ class ResidualSkill(Skill):
 class ResidualView(gymnasium.Wrapper, RecordConstructorArgs):
     """The RL view of a skill's residual: observations are `inputs`, actions residuals (C,), ten per second.
 
-    Reward and episodes are those of `lfd_gym.wrappers.RLView`.
+    **Reward**: by how much the environment's own reward grew, so that an episode's sum is how far the task got in the end.
 
     Args:
-        env: a manipulation environment made with `terminate_on_success=False`.
+        env: a manipulation environment.
         skill: the frozen one.
     """
 
@@ -101,19 +101,20 @@ class ResidualView(gymnasium.Wrapper, RecordConstructorArgs):
         """Begin an episode, and start the skill."""
         self._seen, info = self.env.reset(**kwargs)
         self._state = tuple(array[0] for array in self.skill.start(1))
+        self._before = 0.0
         self._advance()
         return inputs(self.view, self._seen, self._action), info
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold one residual for a tenth of a second, while the skill goes on."""
-        rewards: list[float] = []
-        terminated = truncated = False
-        while len(rewards) < self.view.repeats and not (terminated or truncated):
+        steps, ended = 0, False
+        while steps < self.view.repeats and not ended:
             native = adjusted(self.view, self._action, action)
             self._seen, reward, terminated, truncated, info = self.env.step(native)
-            rewards.append(float(reward))
+            steps, ended = steps + 1, terminated or truncated
             self._advance()
-        return inputs(self.view, self._seen, self._action), float(np.mean(rewards)), terminated, truncated, info
+        gained, self._before = float(reward) - self._before, float(reward)
+        return inputs(self.view, self._seen, self._action), gained, terminated, truncated, info
 
     def _advance(self) -> None:
         """What the skill does for what is seen now."""

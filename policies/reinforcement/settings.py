@@ -21,6 +21,10 @@ class TrainingSettings:
     """Share of every batch that is drawn from them."""
     cloning: float = 0.0
     """Weight of the pull to demonstrated decisions that the critics prefer, see `DemonstrationSAC`."""
+    resting: float = 0.0
+    """Weight of the pull of a residual to zero where the critics prefer that."""
+    critic_first: int = 0
+    """Updates of the critics before the actor learns."""
     demonstrated_starts: float = 0.0
     """Share of the training's episodes that begin in a demonstrated state."""
     n_steps: int = 1
@@ -68,10 +72,13 @@ _ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, reward_scale=0.01, 
 
 GRAPH_PPO = TrainingSettings(
     "maskable-ppo", discount=0.998, n_envs=4, rollout=1024,
-    hyperparameters={"learning_rate": 3e-4, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.0},
+    hyperparameters={"learning_rate": 1e-3, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.0},
 )  # fmt: skip
 """Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
-RESIDUAL_SAC = TrainingSettings("sac", hyperparameters={**SAC, "learning_starts": 600})
+RESIDUAL_SAC = TrainingSettings(
+    "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
+    hyperparameters={**SAC, "learning_starts": 1000, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
+)  # fmt: skip
 """Of a residual around a skill, likewise."""
 
 METHODS: dict[str, TrainingSettings] = {
