@@ -159,6 +159,33 @@ def test_the_actor_is_pulled_to_what_was_demonstrated(taught: Sequence[Demonstra
     assert errors[1] < 0.5 * errors[0]
 
 
+def test_a_residual_rests_and_waits_for_its_critics() -> None:
+    """Where rest is worth most it stays at rest, however it began; and before the critics have learned it stays as it is."""
+    pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
+    import torch
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from policies.reinforcement.agents import make_agent
+
+    env, rng, moved = RLView(make(ENV_ID, **DENSE)), np.random.default_rng(0), {}
+    seen = rng.normal(size=(200, *env.observation_space.shape)).astype(np.float32)
+    for resting, first in ((0.0, 0), (100.0, 0), (0.0, 300)):
+        torch.manual_seed(0)
+        np.random.seed(0)  # noqa: NPY002
+        agent = make_agent(replace(METHODS["sac"], resting=resting, critic_first=first), DummyVecEnv([lambda: env]))
+        for row in seen:
+            decision = rng.uniform(-1.0, 1.0, env.action_space.shape) * (rng.uniform() < 0.5)
+            paid = np.array([1.0 - np.abs(decision).max()])
+            agent.replay_buffer.add(row[None], row[None], decision[None], paid, np.array([True]), [{}])
+        before = agent.predict(seen, deterministic=True)[0]
+        agent.train(200, 64)
+        after = agent.predict(seen, deterministic=True)[0]
+        moved[resting, first] = np.square(after).mean(), np.square(after - before).max()
+    assert moved[100.0, 0][0] < 0.5 * moved[0.0, 0][0]
+    assert moved[0.0, 300][1] == 0.0
+    assert moved[0.0, 0][1] > 0.0
+
+
 @pytest.mark.parametrize("name", ["sac-demos", "ppo"])
 def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
     name: str, training: Any, taught: Sequence[Demonstration], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
