@@ -31,8 +31,8 @@ STICKINESS = 20.0
 """Prior count of stays in every state."""
 MOST, PATIENCE, STEPS, TOLERANCE = 14, 2, 25, 1e-2
 """States at most; BIC has not improved so many times in a row; of Baum-Welch."""
-FLOOR = {"position": 0.002, "orientation": 0.01, "hand": 0.02}
-"""Least standard deviation of the noise of one step [m], entries of a rotation matrix, [rad]."""
+FLOOR = {"position": 0.02, "orientation": 0.1, "hand": 0.02}
+"""Least standard deviation of one step's noise [m], entries of a rotation matrix, [rad] (`results/decomposition-trials`)."""
 RIDGE = 1e-3
 
 

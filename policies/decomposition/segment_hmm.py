@@ -10,7 +10,7 @@ With ends only (one anchor per segment) the same model is the end-point GMM-HMM,
 The likelihood prefers wrong assignments to planted ones: a state owns one goal per task space and absorbs unrelated movements.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import joblib
@@ -29,21 +29,34 @@ from policies.decomposition.task_spaces import EntitySegments, entity_segments
 
 Array = NDArray[np.float64]
 
-EFFECTIVE_POINTS = 2.0
-"""Of a segment: its points are not independent."""
-FLOOR = {"position": 0.004, "orientation": 0.02, "hand": 0.05}
-"""Least standard deviation [m], [rad], [rad]."""
 START = {"position": 0.05, "orientation": 0.2, "hand": 0.2}
 """Standard deviation to begin with."""
-RESTARTS, STEPS, TOLERANCE = 3, 25, 1e-2
+STEPS, TOLERANCE = 25, 1e-2
 """Of Baum-Welch; it ends when the log-likelihood gains less."""
-PATIENCE = 2
-"""The number of states is raised until BIC has not improved so many times in a row."""
 GROUP = 3
 """Position and force have one variance each, an orientation one, a hand one: with full covariances in every space BIC finds one
 state."""
 SELF_TRANSITION = 0.2
 """Bias of the random transition matrix (thesis 3.2.2)."""
+
+
+class Settings(NamedTuple):
+    """Of one of the two methods, each with the best of its trials (`results/decomposition-trials`)."""
+
+    effective: float
+    """Effective points of a segment: its points are not independent."""
+    restarts: int
+    """Of Baum-Welch."""
+    patience: int
+    """The number of states is raised until BIC has not improved so many times in a row."""
+    floor: Mapping[str, float]
+    """Least standard deviation [m], [rad], [rad]."""
+    charges_spaces: bool
+    """Whether BIC counts the weights of the spaces."""
+
+
+DIRECTIONAL = Settings(2.0, 3, 2, {"position": 0.004, "orientation": 0.02, "hand": 0.05}, False)
+END_POINT = Settings(1.0, 8, 4, {"position": 0.004, "orientation": 0.05, "hand": 0.05}, True)
 
 
 class Model(NamedTuple):
@@ -79,17 +92,17 @@ def decompose_entity(
 ) -> EntityDecomposition:
     """The model of least BIC, and its most likely primitives."""
     points, lengths = converging(data, ends_only), sequence_lengths(data)
-    effective = 1.0 if ends_only else EFFECTIVE_POINTS
+    settings = END_POINT if ends_only else DIRECTIONAL
     best, least, worse, k = None, np.inf, 0, 0
-    while worse < PATIENCE and k < len(data.segments):
+    while worse < settings.patience and k < len(data.segments):
         k += 1
-        model = fit(points, lengths, data.entity, k, effective, seed, jobs)
-        criterion = bic(model, effective * len(data.segments))
+        model = fit(points, lengths, data.entity, k, settings, seed, jobs)
+        criterion = bic(model, settings.effective * len(data.segments), settings)
         worse = 0 if criterion < least else worse + 1
         if criterion < least:
             best, least = model, criterion
     assert best is not None
-    return _result(data, points, lengths, best, effective)
+    return _result(data, points, lengths, best, settings.effective)
 
 
 def fit(
@@ -97,28 +110,28 @@ def fit(
     lengths: NDArray[np.int64],
     entity: str,
     n_states: int,
-    effective: float = EFFECTIVE_POINTS,
+    settings: Settings = DIRECTIONAL,
     seed: int = 0,
     jobs: int = 1,
 ) -> Model:
     """The most likely of several restarts; each has its own seed, so `jobs` changes nothing but time."""
-    seeds = np.random.SeedSequence([seed, n_states]).spawn(RESTARTS if n_states > 1 else 1)
+    seeds = np.random.SeedSequence([seed, n_states]).spawn(settings.restarts if n_states > 1 else 1)
     run = joblib.delayed(_baum_welch)
     models = joblib.Parallel(n_jobs=jobs)(
-        run(points, lengths, entity, n_states, effective, np.random.default_rng(own)) for own in seeds
+        run(points, lengths, entity, n_states, settings, np.random.default_rng(own)) for own in seeds
     )
     return max(models, key=lambda model: model.log_likelihood)
 
 
-def bic(model: Model, n: float) -> float:
-    """-2 log L + (number of free parameters) log n, where every state counts as one goal and the weights of the spaces.
+def bic(model: Model, n: float, settings: Settings = DIRECTIONAL) -> float:
+    """-2 log L + (number of free parameters) log n, where every state counts as one goal.
 
     Only one space describes a primitive in the end. Were the goals in all spaces counted, BIC would find one state in a task
     with four objects.
     """
     n_spaces, n_states, _ = model.means.shape
     d = model.covariances.shape[-1]
-    per_state = d + len(_groups(d)) + n_spaces - 1
+    per_state = d + len(_groups(d)) + (n_spaces - 1 if settings.charges_spaces else 0)
     return -2.0 * model.log_likelihood + (n_states * per_state + n_states**2 - 1) * float(np.log(n))
 
 
@@ -139,7 +152,7 @@ def _baum_welch(
     lengths: NDArray[np.int64],
     entity: str,
     n_states: int,
-    effective: float,
+    settings: Settings,
     rng: np.random.Generator,
 ) -> Model:
     n_spaces, n_segments, _ = points.ends.shape
@@ -158,7 +171,7 @@ def _baum_welch(
         (),
     )
     for _ in range(STEPS):
-        x, v, expected, per_segment = expectations(points, model, effective)
+        x, v, expected, per_segment = expectations(points, model, settings.effective)
         joint = per_segment + model.log_mixture
         emission = logsumexp(joint, axis=2)
         smoothed = forward_backward(padded(emission, lengths), lengths, model.log_start, model.log_transition)
@@ -170,7 +183,8 @@ def _baum_welch(
             break
         inside = np.arange(lengths.max()) < lengths[:, None]
         share = smoothed.states[inside][:, :, None] * np.exp(joint - emission[:, :, None])
-        model = _maximised(points, model, share, smoothed, x, v, expected, effective, FLOOR[entity] ** 2)
+        floor = settings.floor[entity] ** 2
+        model = _maximised(points, model, share, smoothed, x, v, expected, settings.effective, floor)
     return model
 
 

@@ -28,8 +28,10 @@ TIME_SCALE = 1.0
 """[s]: velocities count as the way in this time."""
 MOST, PATIENCE, RESTARTS = 40, 4, 2
 """Components at most; BIC has not improved so many times in a row; starts of EM."""
-FLOOR = {"position": 0.004, "orientation": 0.02, "hand": 0.05}
-"""Least standard deviation [m], entries of a rotation matrix, [rad]."""
+FLOOR = {"position": 0.02, "orientation": 0.1, "hand": 0.1}
+"""Least standard deviation [m], entries of a rotation matrix, [rad] (`results/decomposition-trials`)."""
+ALIKE = 10.0
+"""Points that BIC counts as one: points of one movement are not independent."""
 
 
 def decompose_by_tp_gmm(demonstrations: Sequence[Demonstration], seed: int = 0) -> Decomposition:
@@ -70,7 +72,8 @@ def _fit(rows: Array, floor: float, seed: int) -> GaussianMixture:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             model.fit(rows)
-        criterion = model.bic(rows)
+        n, n_parameters = len(rows) / ALIKE, k * (2 * rows.shape[1] + 1) - 1
+        criterion = -2.0 * n * float(model.score(rows)) + n_parameters * float(np.log(n))
         worse = 0 if criterion < least else worse + 1
         if criterion < least:
             best, least = model, criterion
