@@ -1,6 +1,5 @@
 """Stable-Baselines3's agents as they are trained here, and the network that is exported from them."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,19 @@ from policies.reinforcement.settings import TrainingSettings
 
 WIDTH = 128
 """Units of each of two hidden layers."""
+NORMAL_ENTROPY = 0.5 * np.log(2.0 * np.pi * np.e)
+"""Of a standard normal variable."""
 
 
 def make_agent(settings: TrainingSettings, envs: VecEnv, quiet: float | None = None) -> Any:
-    """An untrained agent. Its random numbers come from the generators of torch and numpy, which the caller seeds."""
+    """An untrained agent. Its random numbers come from the generators of torch and numpy, which the caller seeds.
+
+    quiet: logarithm of the standard deviation with which soft actor-critic explores at first, and which it then aims at.
+    """
     common: dict[str, Any] = {"gamma": settings.discount, "device": "cpu", "verbose": 0}
-    parameters: Mapping[str, Any] = settings.hyperparameters
+    parameters = dict(settings.hyperparameters)
+    if quiet is not None:
+        parameters["target_entropy"] = float(np.prod(envs.action_space.shape or ())) * (quiet + NORMAL_ENTROPY)
     if settings.algorithm == "ppo":
         shape = {"net_arch": {"pi": [WIDTH, WIDTH], "vf": [WIDTH, WIDTH]}}
         return PPO(

@@ -77,7 +77,7 @@ GRAPH_PPO = TrainingSettings(
 """Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
     "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
-    hyperparameters={**SAC, "learning_starts": 1000, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
+    hyperparameters={**SAC, "learning_starts": 100, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
 )  # fmt: skip
 """Of a residual around a skill, likewise."""
 
