@@ -316,11 +316,11 @@ def test_commands(
 def test_practice_is_compared_with_the_skill_it_started_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("cma", reason="the rl extra is not installed")
     monkeypatch.setattr(rows, "QUICK_EPISODES", 1)
-    case = finetuning.Case(MOVE_OBJECT, "sequence-graph", 1.0, 1, ("cma",))
+    case = finetuning.Case(MOVE_OBJECT, "sequence-graph", 1.0, 1, ("cma",), variant="lr-at-once")
     monkeypatch.setattr(finetuning, "CASES", (case,))
     assert "move-object" not in finetuning.run(tmp_path, True, 1, only="light-bulb")
     table = finetuning.run(tmp_path, True, 1)
-    assert "| move-object | sequence-graph | 1 | 1 | 0 | cma |" in table
+    assert "| move-object | sequence-graph-lr-at-once | 1 | 1 | 0 | cma |" in table
     monkeypatch.setattr(finetuning, "load_skill", lambda path: pytest.fail("a finished row was made again"))
     assert finetuning.run(tmp_path, True, 1) == table
     monkeypatch.setattr(finetuning, "QUICK_PRACTICE", 32)
