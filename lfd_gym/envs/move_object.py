@@ -31,7 +31,7 @@ class MoveObjectEnv(ManipulationEnv):
     | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0 |
     | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away |
     | subtasks | `grasped` (lifted by 2 cm), `at_target`, `released` |
-    | dense reward | reach 0.15, lift 0.15, carry 0.25, lower 0.15, let stand 0.1, release and withdraw 0.15 |
+    | dense reward | reach 0.15, lift 0.15, bring to the target 0.4, let stand 0.1, release and withdraw 0.15 |
     | time limit | 30 s |
 
     Workspace of the tool point: x 0.43-0.78, y -0.30-0.30, z 0.01-0.40 m; tilt 0.3 rad, yaw 1.6 rad; alpha 16, beta 4 1/s.
@@ -122,15 +122,15 @@ class MoveObjectEnv(ManipulationEnv):
         return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched
 
     def progress(self) -> float:
-        """Reach, lift, carry, lower, withdraw; over the target nothing is lost by lowering."""
+        """Reach, lift, bring nearer, let go and withdraw; over the target nothing is lost by lowering."""
         off = self._off_target()
         if off >= TOLERANCE or not self._standing():
-            rise = self._object[2] - HEIGHT
+            away = math.hypot(off, self._object[2] - HEIGHT)
             reach = tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
-            lift = tolerance(rise, (0.02, math.inf), margin=0.02)
-            near = tolerance(off, margin=0.5, sigmoid="linear", value_at_margin=0.0)
+            lifted = tolerance(self._object[2] - HEIGHT, (0.02, math.inf), margin=0.02)
             over = tolerance(off, (0.0, 0.25 * TOLERANCE), margin=0.05)
-            lower = tolerance(rise, (-math.inf, 0.005), margin=0.3, sigmoid="linear", value_at_margin=0.0)
-            return float(0.15 * reach + 0.15 * max(lift, over) + 0.2 * near + 0.05 * over + 0.15 * over * lower)
+            near = tolerance(away, margin=0.6, sigmoid="linear", value_at_margin=0.0)
+            exact = tolerance(away, margin=0.05)
+            return float(0.15 * reach + 0.15 * max(lifted, over) + 0.3 * near + 0.1 * exact)
         withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
         return float(0.8 + 0.15 * withdrawn * self._untouched)
