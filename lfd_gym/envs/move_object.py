@@ -122,15 +122,18 @@ class MoveObjectEnv(ManipulationEnv):
         return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched
 
     def progress(self) -> float:
-        """Reach, lift, bring nearer, let go and withdraw; over the target nothing is lost by lowering."""
+        """Reach, lift, bring nearer, let go and withdraw; over the target nothing is lost by lowering.
+
+        Being near the target pays only in the hand: otherwise it would be safest not to touch what may fall over.
+        """
         off = self._off_target()
         if off >= TOLERANCE or not self._standing():
             away = math.hypot(off, self._object[2] - HEIGHT)
             reach = tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
             lifted = tolerance(self._object[2] - HEIGHT, (0.02, math.inf), margin=0.02)
-            over = tolerance(off, (0.0, 0.25 * TOLERANCE), margin=0.05)
+            held = max(lifted, tolerance(off, (0.0, 0.25 * TOLERANCE), margin=0.05))
             near = tolerance(away, margin=0.6, sigmoid="linear", value_at_margin=0.0)
             exact = tolerance(away, margin=0.05)
-            return float(0.15 * reach + 0.15 * max(lifted, over) + 0.3 * near + 0.1 * exact)
+            return float(0.15 * reach + held * (0.15 + 0.3 * near + 0.1 * exact))
         withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
         return float(0.8 + 0.15 * withdrawn * self._untouched)
