@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfd_gym.envs.box_stacking import SIZE, BoxStackingEnv
-from lfd_gym.envs.manipulation_env import upright
+from lfd_gym.envs.setups import upright
 from scripted_teachers.box_stacking import BoxStackingTeacher
 
 SEED = 100500

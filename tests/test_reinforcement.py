@@ -139,7 +139,7 @@ def test_a_share_of_a_batch_is_demonstrated(taught: Sequence[Demonstration]) -> 
 def test_the_actor_is_pulled_to_what_was_demonstrated(taught: Sequence[Demonstration]) -> None:
     """With a strong pull and demonstrations that alone pay, it decides as it was shown; without it does not yet."""
     pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
-    import torch
+    from stable_baselines3.common.utils import set_random_seed
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     from policies.reinforcement.agents import make_agent
@@ -148,8 +148,7 @@ def test_the_actor_is_pulled_to_what_was_demonstrated(taught: Sequence[Demonstra
     shown = transitions(taught, env, 0.9, 1.0)
     nothing = np.zeros((1, *env.observation_space.shape)), np.zeros((1, *env.action_space.shape))
     for cloning in (0.0, 100.0):
-        torch.manual_seed(0)
-        np.random.seed(0)  # noqa: NPY002
+        set_random_seed(0)
         agent = make_agent(replace(METHODS["sac-demos"], cloning=cloning), DummyVecEnv([lambda: env]))
         agent.replay_buffer.add(*nothing[:1], *nothing, np.array([-1.0]), np.array([True]), [{}])
         agent.replay_buffer.demonstrations = shown
@@ -162,7 +161,7 @@ def test_the_actor_is_pulled_to_what_was_demonstrated(taught: Sequence[Demonstra
 def test_a_residual_rests_and_waits_for_its_critics() -> None:
     """Where rest is worth most it stays at rest, however it began; and before the critics have learned it stays as it is."""
     pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
-    import torch
+    from stable_baselines3.common.utils import set_random_seed
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     from policies.reinforcement.agents import make_agent
@@ -170,8 +169,7 @@ def test_a_residual_rests_and_waits_for_its_critics() -> None:
     env, rng, moved = RLView(make(ENV_ID, **DENSE)), np.random.default_rng(0), {}
     seen = rng.normal(size=(200, *env.observation_space.shape)).astype(np.float32)
     for resting, first in ((0.0, 0), (100.0, 0), (0.0, 300)):
-        torch.manual_seed(0)
-        np.random.seed(0)  # noqa: NPY002
+        set_random_seed(0)
         agent = make_agent(replace(METHODS["sac"], resting=resting, critic_first=first), DummyVecEnv([lambda: env]))
         for row in seen:
             decision = rng.uniform(-1.0, 1.0, env.action_space.shape) * (rng.uniform() < 0.5)

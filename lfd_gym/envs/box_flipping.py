@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from lfd_gym import quaternion, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
-from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv
+from lfd_gym.envs.touch import count_contacts
 
 Array = NDArray[np.float64]
 
@@ -126,9 +127,9 @@ class BoxFlippingEnv(ManipulationEnv):
     def place(self, setup: Mapping[str, Any]) -> None:
         """Obstacle and box on the table."""
         self.data.mocap_pos[0, :2] = setup["obstacle"]["position"]
-        self.data.mocap_quat[0] = quaternion.multiply(upright(setup["obstacle"]["yaw"]), EDGE_AXES)
+        self.data.mocap_quat[0] = quaternion.multiply(setups.upright(setup["obstacle"]["yaw"]), EDGE_AXES)
         self._pose[:2], self._pose[2] = setup["box"]["position"], BOX_HALF[2]
-        self._pose[3:] = upright(setup["box"]["yaw"])
+        self._pose[3:] = setups.upright(setup["box"]["yaw"])
 
     def randomise(self, rng: np.random.Generator) -> None:
         """Mass (with its inertia) of the box, its friction with table and obstacle."""

@@ -10,7 +10,8 @@ from dm_control.utils.rewards import tolerance
 
 from lfd_gym import quaternion, wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv
+from lfd_gym.envs.setups import upright
 from lfd_gym.errors import InvalidSetupError
 
 AREA_LOW, AREA_HIGH = np.array([0.46, -0.30]), np.array([0.71, 0.30])

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lfd_gym import quaternion, wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts
+from lfd_gym.envs.manipulation_env import ManipulationEnv
+from lfd_gym.envs.touch import count_contacts
 from lfd_gym.errors import InvalidSetupError
 
 Array = NDArray[np.float64]

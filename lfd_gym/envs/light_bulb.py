@@ -10,7 +10,8 @@ from dm_control.utils.rewards import tolerance
 from lfd_gym import wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
-from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv
+from lfd_gym.envs.touch import count_contacts
 
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.30]), np.array([0.73, 0.30])
 """Where holder and box may stand, x and y [m]."""
@@ -103,8 +104,8 @@ class LightBulbEnv(ManipulationEnv):
     def place(self, setup: Mapping[str, Any]) -> None:
         """Holder and box stand on the table, the bulb is screwed in."""
         self._holder[:2], self._box[:2] = setup["bulb_holder"]["position"], setup["box"]["position"]
-        self._holder_quat[:] = upright(setup["bulb_holder"]["yaw"])
-        self._box_quat[:] = upright(setup["box"]["yaw"])
+        self._holder_quat[:] = setups.upright(setup["bulb_holder"]["yaw"])
+        self._box_quat[:] = setups.upright(setup["box"]["yaw"])
         self._pose[:2], self._pose[2], self._pose[3:] = self._holder[:2], SEAT, self._holder_quat
 
     def randomise(self, rng: np.random.Generator) -> None:

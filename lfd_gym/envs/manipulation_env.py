@@ -8,10 +8,9 @@ import mujoco
 import numpy as np
 from gymnasium.spaces import Box, Dict
 from gymnasium.utils import EzPickle
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from lfd_gym import quaternion, random_state, wam
+from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
 from lfd_gym.errors import InvalidArgumentError
@@ -429,24 +428,3 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         info.update(zip(self._subtask_keys, map(bool, self.subtask_flags()), strict=True))
         info.update(self.measures())
         return info
-
-
-def upright(yaw: float) -> Array:
-    """Quaternion of an object that stands upright, turned by `yaw` [rad]."""
-    return quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw]))
-
-
-@njit(cache=True)
-def count_contacts(pairs: NDArray[np.int32], one: NDArray[np.bool_], other: NDArray[np.bool_]) -> int:
-    """How many contacts join two sets of geoms.
-
-    Args:
-        pairs: geoms of every contact, `data.contact.geom`, shape (n, 2).
-        one, other: which geoms belong to the sets, shape (n_geoms,).
-    """
-    n = 0
-    for i in range(pairs.shape[0]):
-        a, b = pairs[i]
-        if a >= 0 and b >= 0 and ((one[a] and other[b]) or (one[b] and other[a])):
-            n += 1
-    return n

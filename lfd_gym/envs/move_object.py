@@ -10,7 +10,8 @@ from dm_control.utils.rewards import tolerance
 from lfd_gym import wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
-from lfd_gym.envs.manipulation_env import ManipulationEnv, count_contacts, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv
+from lfd_gym.envs.touch import count_contacts
 
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.25]), np.array([0.73, 0.25])
 """Where object and target may stand, x and y [m]."""
@@ -84,9 +85,9 @@ class MoveObjectEnv(ManipulationEnv):
     def place(self, setup: Mapping[str, Any]) -> None:
         """The object stands on the table, the target lies on it."""
         self._pose[:2], self._pose[2] = setup["object"]["position"], HEIGHT
-        self._pose[3:] = upright(setup["object"]["yaw"])
+        self._pose[3:] = setups.upright(setup["object"]["yaw"])
         self.data.mocap_pos[0, :2], self.data.mocap_pos[0, 2] = setup["target"]["position"], 0.0
-        self.data.mocap_quat[0] = upright(setup["target"]["yaw"])
+        self.data.mocap_quat[0] = setups.upright(setup["target"]["yaw"])
 
     def randomise(self, rng: np.random.Generator) -> None:
         """Mass (with its inertia) and friction of the object."""

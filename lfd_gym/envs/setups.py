@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lfd_gym import quaternion
 from lfd_gym.errors import InvalidSetupError
 
 ATTEMPTS = 1000
@@ -113,3 +114,8 @@ def _is_finite(value: Any) -> bool:
 
 def _plain(value: Any) -> Any:
     return value if isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
+
+
+def upright(yaw: float) -> NDArray[np.float64]:
+    """Quaternion of an object that stands upright, turned by `yaw` [rad]."""
+    return quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw]))

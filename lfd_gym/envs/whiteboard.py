@@ -15,7 +15,7 @@ from lfd_gym import alphabet, ink, quaternion, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.compiled import bound
 from lfd_gym.envs import setups
-from lfd_gym.envs.manipulation_env import ManipulationEnv, upright
+from lfd_gym.envs.manipulation_env import ManipulationEnv
 from lfd_gym.errors import InvalidArgumentError
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ class WhiteboardEnv(ManipulationEnv):
             tilt = setup[name]["tilt"]
             self.data.mocap_pos[i, :2] = setup[name]["position"]
             self.data.mocap_pos[i, 2] = FOOT + ink.HALF_SIZE[1] * math.sin(tilt)
-            flat = quaternion.multiply(upright(setup[name]["yaw"]), FACING_ROBOT)
+            flat = quaternion.multiply(setups.upright(setup[name]["yaw"]), FACING_ROBOT)
             slope = quaternion.from_rotation_vector(np.array([tilt, 0.0, 0.0]))
             self.data.mocap_quat[i] = quaternion.multiply(flat, slope)
 
