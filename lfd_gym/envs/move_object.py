@@ -20,6 +20,8 @@ HEIGHT = 0.045
 """Height of the standing object's centre [m]."""
 TOLERANCE = 0.02
 CLEARANCE = 0.10
+CARRIED = 0.04
+"""How high it pays to carry the object [m]."""
 
 
 class MoveObjectEnv(ManipulationEnv):
@@ -32,7 +34,7 @@ class MoveObjectEnv(ManipulationEnv):
     | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0 |
     | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away |
     | subtasks | `grasped` (lifted by 2 cm), `at_target`, `released` |
-    | dense reward | reach 0.15, lift 0.15, bring to the target 0.4, let stand 0.1, release and withdraw 0.15 |
+    | dense reward | reach 0.2, grip 0.15, bring to the target and let stand 0.45, release 0.05, withdraw 0.1 |
     | time limit | 30 s |
 
     Workspace of the tool point: x 0.43-0.78, y -0.30-0.30, z 0.01-0.40 m; tilt 0.3 rad, yaw 1.6 rad; alpha 16, beta 4 1/s.
@@ -69,6 +71,9 @@ class MoveObjectEnv(ManipulationEnv):
         self._friction = model.geom_friction[model.geom("object").id, 0:1]
         self.vary(self._mass, self._inertia, self._friction)
         self._moves = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_bodyid != body)
+        owners = [model.body(i).name for i in model.geom_bodyid]
+        self._fingers = np.array([name.startswith(("hand/finger_1", "hand/finger_2")) for name in owners])
+        self._thumb = np.array([name.startswith("hand/finger_3") for name in owners])
         self._pose = self.data.joint("object_joint").qpos
         self._twist = self.data.joint("object_joint").qvel
         self._object, self._target = self.data.body("object").xpos, self.data.body("target").xpos
@@ -123,18 +128,27 @@ class MoveObjectEnv(ManipulationEnv):
         return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched
 
     def progress(self) -> float:
-        """Reach, lift, bring nearer, let go and withdraw; over the target nothing is lost by lowering.
+        """Reach, grip, bring nearer, let stand, let go and withdraw.
 
-        Being near the target pays only in the hand: otherwise it would be safest not to touch what may fall over.
+        Being near the target pays only in the grip: otherwise it would be safest not to touch what may fall over. A grip is
+        felt on both sides, at any height. The way to the target is a funnel, as high as the object is away and at most
+        `CARRIED`, so that it pays to lift what would be dragged and to lower it on the way, and nowhere to stay.
         """
-        off = self._off_target()
-        if off >= TOLERANCE or not self._standing():
-            away = math.hypot(off, self._object[2] - HEIGHT)
-            reach = tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
-            lifted = tolerance(self._object[2] - HEIGHT, (0.02, math.inf), margin=0.02)
-            held = max(lifted, tolerance(off, (0.0, 0.25 * TOLERANCE), margin=0.05))
-            near = tolerance(away, margin=0.6, sigmoid="linear", value_at_margin=0.0)
-            exact = tolerance(away, margin=0.05)
-            return float(0.15 * reach + held * (0.15 + 0.3 * near + 0.1 * exact))
-        withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
-        return float(0.8 + 0.15 * withdrawn * self._untouched)
+        off, height = self._off_target(), self._object[2] - HEIGHT
+        if off < TOLERANCE and self._standing():
+            withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
+            return float(0.8 + (0.05 + 0.1 * withdrawn) * self._untouched)
+        reach = 0.2 * tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
+        if not self._gripped():
+            return float(reach)
+        too_high = height - min(off, CARRIED)
+        way = off + max(too_high, -3.0 * too_high)
+        near = tolerance(way, margin=0.8, sigmoid="linear", value_at_margin=0.0)
+        close = tolerance(way, margin=0.1, sigmoid="long_tail")
+        return float(reach + 0.15 + 0.25 * near + 0.2 * close)
+
+    def _gripped(self) -> bool:
+        """Whether the finger that opposes the other two and one of these touch the object."""
+        pairs = self.data.contact.geom
+        sides = (self._thumb, self._fingers)
+        return all(count_contacts(pairs, self._is_object, side) for side in sides)

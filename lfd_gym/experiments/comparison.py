@@ -202,7 +202,7 @@ def _perform(rows: Rows, job: Job) -> dict[str, Any]:
 
 def _train(rows: Rows, job: Job, decisions: int, shown: Sequence[Any]) -> tuple[Any, list[dict[str, Any]]]:
     training, folder = load("policies.reinforcement.training:train"), rows.folder / "training" / job.name
-    every, episodes = (decisions, 1) if rows.quick else (max(decisions // 15, 1), 20)
+    every, episodes = (decisions, 1) if rows.quick else (max(decisions // 10, 1), 20)
     schedule = load("policies.reinforcement.training:Schedule")(
         decisions, checkpoint_every=25_000, evaluate_every=every, evaluation_episodes=episodes
     )

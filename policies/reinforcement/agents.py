@@ -11,6 +11,7 @@ from torch import nn
 from policies.reinforcement.demonstration_sac import DemonstrationBuffer, DemonstrationSAC, SteadySACPolicy
 from policies.reinforcement.network import Network
 from policies.reinforcement.settings import TrainingSettings
+from policies.reinforcement.steady_offset import SteadyOffset
 
 WIDTH = 128
 """Units of each of two hidden layers."""
@@ -24,9 +25,11 @@ def make_agent(settings: TrainingSettings, envs: VecEnv, quiet: float | None = N
     quiet: logarithm of the standard deviation with which soft actor-critic explores at first, and which it then aims at.
     """
     common: dict[str, Any] = {"gamma": settings.discount, "device": "cpu", "verbose": 0}
-    parameters = dict(settings.hyperparameters)
+    parameters, size = dict(settings.hyperparameters), int(np.prod(envs.action_space.shape or ()))
     if quiet is not None:
-        parameters["target_entropy"] = float(np.prod(envs.action_space.shape or ())) * (quiet + NORMAL_ENTROPY)
+        parameters["target_entropy"] = size * (quiet + NORMAL_ENTROPY)
+    if settings.steady_offset:
+        parameters["action_noise"] = SteadyOffset(size, settings.steady_offset)
     if settings.algorithm == "ppo":
         shape = {"net_arch": {"pi": [WIDTH, WIDTH], "vf": [WIDTH, WIDTH]}}
         return PPO(

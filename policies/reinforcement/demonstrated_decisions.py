@@ -75,10 +75,10 @@ def moving(demonstration: Demonstration, view: View) -> NDArray[np.bool_]:
 def transitions(
     demonstrations: Sequence[Demonstration], env: gymnasium.Env, discount: float, reward_scale: float, n_steps: int = 1
 ) -> Transitions:
-    """Transitions of the RL view, with the rewards that this environment gives in the states that were demonstrated.
+    """Transitions of the RL view, paid by how much this environment's reward grew in the states that were demonstrated.
 
-    A demonstration ends when its task is solved; the view's episodes go on. So its last transition is worth what staying
-    there is, r / (1 - discount), and ends. A transition is `n_steps` decisions long, or as many as are left.
+    A demonstration ends when its task is solved; the view's episodes go on. So its last transition ends: to stay there pays
+    nothing, see `Growth`. A transition is `n_steps` decisions long, or as many as are left.
 
     Raises DemonstrationError where control step or states are not those of the environment.
     """
@@ -91,10 +91,11 @@ def transitions(
         ends = np.minimum(starts + every, last)
         seen = flat_observations(demonstration, view)
         reached = _rewards(world, demonstration)
-        rewards = np.array([reached[a + 1 : b + 1].mean() for a, b in zip(starts, ends, strict=True)])
+        paid = np.array([reached[a + 1 : b + 1].mean() for a, b in zip(starts, ends, strict=True)])
+        paid[-1] = reached[-1]
+        rewards = np.diff(paid, prepend=reached[0])
         ended = np.zeros(len(starts))
-        if demonstration.success:
-            rewards[-1], ended[-1] = reached[-1] / (1.0 - discount), 1.0
+        ended[-1] = demonstration.success
         shown = decisions(demonstration, view)[starts]
         length = np.minimum(n_steps, len(starts) - np.arange(len(starts)))
         powers = discount ** np.arange(n_steps)

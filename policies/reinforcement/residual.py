@@ -83,7 +83,7 @@ class ResidualSkill(Skill):
 class ResidualView(gymnasium.Wrapper, RecordConstructorArgs):
     """The RL view of a skill's residual: observations are `inputs`, actions residuals (C,), ten per second.
 
-    **Reward**: by how much the environment's own reward grew, so that an episode's sum is how far the task got in the end.
+    **Reward**: the environment's own, at the end of a decision.
 
     Args:
         env: a manipulation environment.
@@ -101,7 +101,6 @@ class ResidualView(gymnasium.Wrapper, RecordConstructorArgs):
         """Begin an episode, and start the skill."""
         self._seen, info = self.env.reset(**kwargs)
         self._state = tuple(array[0] for array in self.skill.start(1))
-        self._before = 0.0
         self._advance()
         return inputs(self.view, self._seen, self._action), info
 
@@ -113,8 +112,7 @@ class ResidualView(gymnasium.Wrapper, RecordConstructorArgs):
             self._seen, reward, terminated, truncated, info = self.env.step(native)
             steps, ended = steps + 1, terminated or truncated
             self._advance()
-        gained, self._before = float(reward) - self._before, float(reward)
-        return inputs(self.view, self._seen, self._action), gained, terminated, truncated, info
+        return inputs(self.view, self._seen, self._action), float(reward), terminated, truncated, info
 
     def _advance(self) -> None:
         """What the skill does for what is seen now."""

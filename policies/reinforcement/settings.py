@@ -23,6 +23,8 @@ class TrainingSettings:
     """Weight of the pull to demonstrated decisions that the critics prefer, see `DemonstrationSAC`."""
     resting: float = 0.0
     """Weight of the pull of a residual to zero where the critics prefer that."""
+    steady_offset: float = 0.0
+    """Standard deviation of what is added to all decisions of an episode, see `SteadyOffset`."""
     critic_first: int = 0
     """Updates of the critics before the actor learns."""
     demonstrated_starts: float = 0.0
@@ -34,7 +36,7 @@ class TrainingSettings:
     discount: float = 0.99
     """Per decision; 0.97 looks 3 s ahead, 0.99 looks 10 s."""
     reward_scale: float = 1.0
-    """Factor of the reward."""
+    """Factor of the reward's growth, see `Growth`."""
     n_envs: int = 1
     """Environments that are stepped together."""
     rollout: int = 8
@@ -61,14 +63,14 @@ PPO: Mapping[str, Any] = {
     "clip_range": 0.2,
 }
 _OFF_POLICY = TrainingSettings(
-    "sac", discount=0.97, n_steps=5, reward_scale=0.3, episode=100,
+    "sac", discount=0.97, n_steps=5, reward_scale=10.0, episode=100,
     hyperparameters={**SAC, "learning_rate": 1e-3, "batch_size": 128, "ent_coef": "auto_0.01", "gradient_steps": 8},
 )  # fmt: skip
 _SHOWN = replace(
     _OFF_POLICY, demonstrations=True, demonstrated_batch=0.25, demonstrated_starts=0.25, cloning=1.0,
     hyperparameters={**_OFF_POLICY.hyperparameters, "learning_starts": 600},
 )  # fmt: skip
-_ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, reward_scale=0.01, hyperparameters=PPO)
+_ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, hyperparameters=PPO)
 
 GRAPH_PPO = TrainingSettings(
     "maskable-ppo", discount=0.998, n_envs=4, rollout=1024,
@@ -76,7 +78,7 @@ GRAPH_PPO = TrainingSettings(
 )  # fmt: skip
 """Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
-    "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
+    "sac", resting=1.0, steady_offset=0.4, critic_first=4000, n_steps=5, reward_scale=10.0,
     hyperparameters={**SAC, "learning_starts": 100, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
 )  # fmt: skip
 """Of a residual around a skill, likewise."""

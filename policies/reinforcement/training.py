@@ -29,6 +29,7 @@ from policies.reinforcement.agents import actor_network, load_agent, make_agent
 from policies.reinforcement.checkpoint import TrainingFolder
 from policies.reinforcement.demonstrated_decisions import transitions
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
+from policies.reinforcement.growth import Growth
 from policies.reinforcement.settings import TrainingSettings, method
 from policies.reinforcement.simulation_clock import SimulationClock
 from policies.skill import Skill
@@ -130,11 +131,11 @@ def viewed(
     env_kwargs: Mapping[str, Any],
     demonstrations: Sequence[Demonstration] = (),
 ) -> gymnasium.Env:
-    """The RL view of an environment, as a method trains in it."""
+    """The RL view of an environment, as a method trains in it; it pays growth."""
     env = timed(env_id, settings.reward_type, env_kwargs)
     if settings.demonstrated_starts and demonstrations:
         env = DemonstratedStarts(env, demonstrations, settings.demonstrated_starts)
-    view = RLView(env)
+    view = Growth(RLView(env))
     return TimeLimit(view, settings.episode) if settings.episode else view
 
 
