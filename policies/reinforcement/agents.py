@@ -11,7 +11,6 @@ from torch import nn
 from policies.reinforcement.demonstration_sac import DemonstrationBuffer, DemonstrationSAC, SteadySACPolicy
 from policies.reinforcement.network import Network
 from policies.reinforcement.settings import TrainingSettings
-from policies.reinforcement.steady_offset import SteadyOffset
 
 WIDTH = 128
 """Units of each of two hidden layers."""
@@ -25,11 +24,9 @@ def make_agent(settings: TrainingSettings, envs: VecEnv, quiet: float | None = N
     quiet: logarithm of the standard deviation with which soft actor-critic explores at first, and which it then aims at.
     """
     common: dict[str, Any] = {"gamma": settings.discount, "device": "cpu", "verbose": 0}
-    parameters, size = dict(settings.hyperparameters), int(np.prod(envs.action_space.shape or ()))
+    parameters = dict(settings.hyperparameters)
     if quiet is not None:
-        parameters["target_entropy"] = size * (quiet + NORMAL_ENTROPY)
-    if settings.steady_offset:
-        parameters["action_noise"] = SteadyOffset(size, settings.steady_offset)
+        parameters["target_entropy"] = float(np.prod(envs.action_space.shape or ())) * (quiet + NORMAL_ENTROPY)
     if settings.algorithm == "ppo":
         shape = {"net_arch": {"pi": [WIDTH, WIDTH], "vf": [WIDTH, WIDTH]}}
         return PPO(

@@ -23,8 +23,6 @@ class TrainingSettings:
     """Weight of the pull to demonstrated decisions that the critics prefer, see `DemonstrationSAC`."""
     resting: float = 0.0
     """Weight of the pull of a residual to zero where the critics prefer that."""
-    steady_offset: float = 0.0
-    """Standard deviation of what is added to all decisions of an episode, see `SteadyOffset`."""
     critic_first: int = 0
     """Updates of the critics before the actor learns."""
     demonstrated_starts: float = 0.0
@@ -78,7 +76,7 @@ GRAPH_PPO = TrainingSettings(
 )  # fmt: skip
 """Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
-    "sac", resting=1.0, steady_offset=0.4, critic_first=4000, n_steps=5, reward_scale=10.0,
+    "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
     hyperparameters={**SAC, "learning_starts": 100, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
 )  # fmt: skip
 """Of a residual around a skill, likewise."""
