@@ -40,7 +40,7 @@ SetOption = Annotated[
 NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
 ModeOption = Annotated[str, typer.Option(help="How the teacher shows it: 'commanded' or 'kinesthetic'.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of the first episode.")]
-JobsOption = Annotated[int, typer.Option(help="Processes; they change nothing but time.")]
+JobsOption = Annotated[int, typer.Option(min=1, help="Processes; they change nothing but time.")]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -28,7 +28,8 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
     yaw, wrench, hand, and every frame's position minus the tool's with its quaternion. All of it is in the environment's own
     observation. `lfd_gym.view.View` computes both, without the environment.
 
-    **Reward**: the mean over the physics of a decision. Success does not end an episode, so that waiting before it never pays.
+    **Reward**: the mean over the control steps of a decision. Success does not end an episode, so that waiting before it
+    never pays.
 
     Args:
         env: a manipulation environment made with `terminate_on_success=False`.

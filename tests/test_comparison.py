@@ -33,9 +33,11 @@ def test_a_pair_that_never_differs_and_one_that_always_does() -> None:
     rng = np.random.default_rng(0)
     one = rng.integers(0, 2, 50).astype(float)
     assert paired(one, one)[0] == 0.0
+    assert paired(one, one).low == -paired(one, one).high < 0.0
     assert paired(one, one).p == 1.0
     clear = paired(np.ones(12), np.zeros(12))
     assert clear.difference == 1.0
+    assert 0.6 < clear.low < clear.high == 1.0
     assert clear.p == pytest.approx(2 / 2**12, rel=1e-6)
 
 
@@ -51,6 +53,14 @@ def test_the_paired_interval_covers_a_planted_difference() -> None:
         widths.append(result.high - result.low)
     assert covered >= 180
     assert np.mean(widths) < 0.1
+
+
+@pytest.mark.parametrize(("n", "rate"), [(100, 0.01), (100, 0.03), (500, 0.005)])
+def test_the_paired_interval_covers_rare_differences(n: int, rate: float) -> None:
+    """Where one of the two is never better and hardly a setup differs, it still covers in 95 % of the cases."""
+    rng = np.random.default_rng(2)
+    results = [paired(np.zeros(n), (rng.random(n) < rate).astype(float), resamples=9) for _ in range(400)]
+    assert sum(result.low <= -rate <= result.high for result in results) >= 370
 
 
 def test_the_table_says_what_the_rows_say() -> None:
@@ -116,7 +126,11 @@ def test_a_killed_comparison_repeats_no_finished_row(tmp_path: Path, monkeypatch
     assert compare(asked, tmp_path) == first
     assert len(performed) == 4
     with pytest.raises(InvalidArgumentError, match="choose another --out"):
-        compare(Comparison([ENV_ID], ("teacher",), range(1), episodes=3), tmp_path)
+        compare(Comparison([ENV_ID], ("teacher", "moa"), range(1), episodes=3), tmp_path)
+    assert len(performed) == 4
+    with pytest.raises(UnknownNameError, match="loky"):
+        compare(Comparison([ENV_ID], ("moa",), range(1), episodes=2, backend="lokey"), tmp_path)
+    assert [job.name for job in Comparison([ENV_ID] * 2, ("teacher",) * 2).jobs()] == ["move-object-teacher-0"]
 
 
 def test_a_failed_job_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

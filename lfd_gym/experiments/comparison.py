@@ -40,6 +40,8 @@ DECISIONS: Mapping[str, Mapping[str, int]] = {
 }
 """Decisions that an algorithm trains for, in a task and else."""
 QUICK_DECISIONS = 64
+BACKENDS = ("loky", "ray")
+"""Of joblib; "ray" needs the package ray."""
 UNTAUGHT = ("teacher", "random")
 """Methods that learn nothing: one seed is enough."""
 
@@ -78,14 +80,15 @@ class Comparison:
     decisions: int | None = None
     """Per training; `DECISIONS` if left out."""
     backend: str = "loky"
-    """Of joblib; "ray" needs the package ray."""
+    """Of `BACKENDS`."""
 
     def jobs(self) -> list[Job]:
-        """Every job, by task, method and seed. Raises UnknownNameError and MissingExtraError for its methods."""
+        """Every job, once, by task, method and seed. Raises UnknownNameError for its methods."""
         found = []
-        for env_id in self.envs:
-            for method in self.methods or (*COMPARED, *MORE.get(env_id, ())):
-                check_method(method)
+        for env_id in dict.fromkeys(self.envs):
+            for method in dict.fromkeys(self.methods or (*COMPARED, *MORE.get(env_id, ()))):
+                if method not in (*LEARNERS, *METHODS, *UNTAUGHT):
+                    raise UnknownNameError("method", method, (*LEARNERS, *METHODS, *UNTAUGHT))
                 for seed in self.seeds[:1] if method in UNTAUGHT else self.seeds:
                     found.append(self._job(env_id, method, seed))
         return found
@@ -111,12 +114,20 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
 
     With `finished` nothing is performed: the table is that of the rows that are there, and says how many are not.
 
-    Raises InvalidArgumentError where a row was made for another comparison or none is finished, and LfdGymError, after all
-    other jobs are done, if a job failed.
+    Raises, before any job is performed, UnknownNameError for its methods and back end, MissingExtraError for methods that
+    cannot be run here, and InvalidArgumentError where a row was made for another comparison; InvalidArgumentError if no row is
+    finished; and LfdGymError, after all other jobs are done, if a job failed.
     """
     jobs, rows = comparison.jobs(), Rows(out, quick)
     missing = [job for job in jobs if not rows.exists(job.name)]
+    for job in jobs:
+        if job not in missing:
+            _row(rows, job)
+    if comparison.backend not in BACKENDS:
+        raise UnknownNameError("back end", comparison.backend, BACKENDS)
     if not finished:
+        for method in dict.fromkeys(job.method for job in missing):
+            check_can_run(method)
         _perform_all(rows, missing, comparison.backend, processes)
         missing = []
     made = [_row(rows, job) for job in jobs if job not in missing]
@@ -149,14 +160,12 @@ def _perform_all(rows: Rows, jobs: Sequence[Job], backend: str, processes: int) 
         raise LfdGymError(f"{len(errors)} of {len(jobs)} jobs failed, the others are done: {'; '.join(errors)}")
 
 
-def check_method(method: str) -> None:
-    """Raise UnknownNameError for an unknown method, and MissingExtraError for one that cannot be run here."""
+def check_can_run(method: str) -> None:
+    """Raise MissingExtraError for a method that cannot be run here."""
     if method in METHODS:
         load("policies.reinforcement.training:train")
     elif method in LEARNERS:
         load(LEARNERS[method])
-    elif method not in UNTAUGHT:
-        raise UnknownNameError("method", method, (*LEARNERS, *METHODS, *UNTAUGHT))
 
 
 def _attempt(rows: Rows, job: Job) -> str | None:
@@ -170,7 +179,8 @@ def _attempt(rows: Rows, job: Job) -> str | None:
 
 def _asked(rows: Rows, job: Job) -> dict[str, Any]:
     decisions = min(job.decisions, QUICK_DECISIONS) if rows.quick else job.decisions
-    return {**asdict(job), "decisions": decisions, "episodes": len(rows.seeds(job.episodes))}
+    settings = {"settings": asdict(METHODS[job.method])} if job.method in METHODS else {}
+    return {**asdict(job), "decisions": decisions, "episodes": len(rows.seeds(job.episodes)), **settings}
 
 
 def _perform(rows: Rows, job: Job) -> dict[str, Any]:

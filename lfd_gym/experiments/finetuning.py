@@ -84,21 +84,20 @@ def run(out: Path, quick: bool, jobs: int, setups: int = 500, episodes: int = 40
         episodes: of a practice.
         only: such as "whiteboard-moa-noise-3"; all rows if empty.
 
-    Raises InvalidArgumentError where one of these rows was made with other numbers.
+    Raises InvalidArgumentError, before anything is practised, where a row that is needed was made with other numbers.
     """
     rows, table = Rows(out, quick, jobs), []
     practised = QUICK_PRACTICE if quick else episodes
     for case in CASES:
         for method in case.methods:
             name = f"{case.name}-{method}"
-            asked = name.startswith(only)
-            if asked and not rows.exists(name):
+            if name.startswith(only):
+                _check(rows, case.name, setups)
+                _check(rows, name, setups, practised)
                 _before(rows, case, setups)
                 _after(rows, case, method, setups, practised)
             if rows.exists(name):
                 before, after = (rows.kept(row, dict) for row in (case.name, name))
-                if asked:
-                    _check(rows, name, before, after, setups, practised)
                 table.append([*_described(case), method, *_cells(before, after)])
     header = [
         "task", "learner", "noise", "demonstrations", "teaching seed", "method", "episodes", "simulated h", "kept",
@@ -137,15 +136,16 @@ def _skill(rows: Rows, name: str) -> Path:
     return rows.folder / "skills" / f"{name}.npz"
 
 
-def _check(
-    rows: Rows, name: str, before: Mapping[str, Any], after: Mapping[str, Any], setups: int, episodes: int
-) -> None:
-    made = [after["asked"], *(len(row["report"]["episodes"]) for row in (before, after))]
-    asked = [episodes, *[len(rows.seeds(setups))] * 2]
+def _check(rows: Rows, name: str, setups: int, episodes: int | None = None) -> None:
+    """Raise InvalidArgumentError if a row is there and was made with other numbers."""
+    if not rows.exists(name):
+        return
+    row = rows.kept(name, dict)
+    made, asked = (len(row["report"]["episodes"]), row.get("asked")), (len(rows.seeds(setups)), episodes)
     if made != asked:
+        practice = "" if episodes is None else f" and {made[1]} episodes of practice"
         raise InvalidArgumentError(
-            f"the row '{name}' was made with {made[0]} episodes of practice and {made[1]} and {made[2]} setups, "
-            f"not with {asked[0]} and {asked[1]}; choose another --out"
+            f"the row '{name}' was made with {made[0]} setups{practice}; ask for the same with --set, or choose another --out"
         )
 
 

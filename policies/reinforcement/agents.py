@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
@@ -21,7 +20,8 @@ NORMAL_ENTROPY = 0.5 * np.log(2.0 * np.pi * np.e)
 def make_agent(settings: TrainingSettings, envs: VecEnv, quiet: float | None = None) -> Any:
     """An untrained agent. Its random numbers come from the generators of torch and numpy, which the caller seeds.
 
-    quiet: logarithm of the standard deviation with which soft actor-critic explores at first, and which it then aims at.
+    quiet: logarithm of the standard deviation with which soft actor-critic explores after its first, random decisions, and
+        which it aims at.
     """
     common: dict[str, Any] = {"gamma": settings.discount, "device": "cpu", "verbose": 0}
     parameters = dict(settings.hyperparameters)
@@ -62,12 +62,6 @@ def actor_network(agent: Any) -> Network:
     if isinstance(agent, DemonstrationSAC):
         return Network.of([*_linear(policy.actor.latent_pi), policy.actor.mu], "relu", "tanh")
     return Network.of([*_linear(policy.mlp_extractor.policy_net), policy.action_net], "tanh", "clip")
-
-
-def deterministic_actions(agent: Any, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What Stable-Baselines3 itself does for observations (N, D)."""
-    actions: NDArray[np.float32] = agent.predict(observations, deterministic=True)[0]
-    return actions
 
 
 def _linear(network: Any) -> list[Any]:

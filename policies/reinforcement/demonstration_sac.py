@@ -1,4 +1,4 @@
-"""Soft actor-critic from demonstrations: half of every batch is demonstrated, and so is what the actor is pulled to."""
+"""Soft actor-critic from demonstrations: a share of every batch is demonstrated, and so is what the actor is pulled to."""
 
 import math
 from itertools import pairwise

@@ -18,6 +18,7 @@ from typing import Any
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.registry import environment_id, look_up
 from policies.reinforcement.practice import SEEDS_PER_PRACTICE, Practice, practise, scores
+from policies.reinforcement.settings import checked_kwargs
 from policies.skill import Skill
 
 FINETUNERS: dict[str, str] = {
@@ -45,10 +46,10 @@ def finetune(
     """The skill after about so many episodes of practice; `folder` keeps checkpoints of the methods that have them.
 
     Raises UnknownNameError for an unknown method, and InvalidArgumentError for a skill of another environment, one that the
-    method cannot practise, and fewer than 16 episodes.
+    method cannot practise, arguments that the method decides, and fewer than 16 episodes.
     """
     method = look_up(FINETUNERS, "method", name)
-    env_id, kwargs = environment_id(env_id), dict(env_kwargs or {})
+    env_id, kwargs = environment_id(env_id), checked_kwargs(env_kwargs or {})
     if skill.env_id != env_id.rpartition(":")[2]:
         raise InvalidArgumentError(f"this skill was taught for {skill.env_id}, not for {env_id}; practise it there")
     if episodes < FEWEST:

@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+import joblib
+
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.view import DECISION_TIME, View
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
@@ -24,7 +26,7 @@ QUIET = -3.0
 def refine_graph(practice: Practice) -> Practised:
     """The sequence graph's decisions, by MaskablePPO."""
     skill = practice.skill
-    if not isinstance(skill, SequenceGraphSkill):
+    if not isinstance(skill, SequenceGraphSkill) or skill.kind != SequenceGraphSkill.kind:
         raise InvalidArgumentError(f"'graph-ppo' practises skills of kind 'sequence-graph', not '{skill.kind}'")
 
     def env() -> Any:
@@ -76,7 +78,8 @@ def _trained(
         round(most * practice.episodes), episodes=practice.episodes, evaluate_every=0, progress=practice.progress
     )
     task = Task(how, env, export, lambda agent: None, practice.env_id, practice.env_kwargs, practice.seed, make, load_)
-    after = run(task, schedule, practice.folder, {"skill": practice.skill.kind})
+    identity = {"skill": practice.skill.kind, "contents": joblib.hash(practice.skill.to_arrays())}
+    after = run(task, schedule, practice.folder, identity)
     facts = dict(after.metadata["training"])
     return after, {
         "episodes": facts["training_episodes"],

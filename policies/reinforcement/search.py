@@ -40,7 +40,7 @@ def smoothed_gradient(
     """Ascent along the score function's gradient of E[f(x + sigma e)], from pairs of opposite e (Salimans et al. 2017).
 
     g = 1 / (n sigma) sum_i (f(x + sigma e_i) - f(x - sigma e_i)) / (2 s) e_i with n = population / 2 and s the standard
-    deviation of all scores, which makes the step independent of their scale; x moves by `rate` sigma^2 g.
+    deviation of all scores, which makes the step independent of their scale; x moves by `rate` sigma^2 sqrt(d) g.
     """
     rng, x, history = np.random.default_rng(seed), np.zeros(size), []
     for generation in generations:

@@ -4,7 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from lfd_gym.errors import UnknownNameError
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError
+
+DECIDED = ("reward_type", "terminate_on_success")
+"""Arguments of an environment that the method decides."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,14 @@ METHODS: dict[str, TrainingSettings] = {
     "ppo-sparse": replace(_ON_POLICY, reward_type="sparse"),
 }
 """Name of the method -> its settings."""
+
+
+def checked_kwargs(env_kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of an environment's arguments; InvalidArgumentError for one that the method decides."""
+    for name in DECIDED:
+        if name in env_kwargs:
+            raise InvalidArgumentError(f"'{name}' is decided by the method; leave it out, or choose another method")
+    return dict(env_kwargs)
 
 
 def method(name: str) -> TrainingSettings:

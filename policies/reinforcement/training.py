@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import joblib
 import numpy as np
 from gymnasium.wrappers import TimeLimit, TransformReward
 from stable_baselines3.common.logger import Logger
@@ -30,7 +31,7 @@ from policies.reinforcement.checkpoint import TrainingFolder
 from policies.reinforcement.demonstrated_decisions import transitions
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.growth import Growth
-from policies.reinforcement.settings import TrainingSettings, method
+from policies.reinforcement.settings import TrainingSettings, checked_kwargs, method
 from policies.reinforcement.simulation_clock import SimulationClock
 from policies.skill import Skill
 
@@ -91,10 +92,10 @@ def train(
 ) -> Skill:
     """Train a method of `policies.reinforcement.settings` from where `folder` left off, and return the skill.
 
-    Raises InvalidArgumentError for an unknown method, for demonstrations that are missing, not wanted or of another
-    environment, and where the folder holds another training.
+    Raises UnknownNameError for an unknown method, and InvalidArgumentError for arguments that the method decides, for
+    demonstrations that are missing, not wanted or of another environment, and where the folder holds another training.
     """
-    settings, env_kwargs, env_id = method(name), dict(env_kwargs or {}), environment_id(env_id)
+    settings, env_kwargs, env_id = method(name), checked_kwargs(env_kwargs or {}), environment_id(env_id)
     if settings.demonstrations != bool(demonstrations):
         needs = "needs demonstrations: --demos FILE" if settings.demonstrations else "takes no demonstrations"
         raise InvalidArgumentError(f"method '{name}' {needs}")
@@ -117,7 +118,8 @@ def train(
         if shown is not None:
             agent.replay_buffer.demonstrations = shown
 
-    identity = {"method": name, "demonstrations": list(seeds)}
+    contents = [(dict(demonstration.observations), demonstration.actions) for demonstration in demonstrations]
+    identity = {"method": name, "demonstrations": list(seeds), "contents": joblib.hash(contents)}
     task = Task(
         settings, env, export, prepare, env_id, env_kwargs, seed,
         partial(make_agent, settings), partial(load_agent, settings),
@@ -160,7 +162,8 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
     stride = SEEDS_PER_TRAINING // settings.n_envs
     episodes = [SeededEpisodes(task.env(), first + i * stride + begun) for i, begun in enumerate(state["episodes"])]
     envs = DummyVecEnv([partial(_monitored, env, settings.reward_scale) for env in episodes])
-    set_random_seed((task.seed + state["decisions"]) % 2**32)
+    seed = (task.seed + state["decisions"]) % 2**32
+    set_random_seed(seed)
     latest = kept.latest()
     if latest is None:
         agent = task.make(envs)
@@ -168,6 +171,7 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         agent = task.load(str(latest / "agent.zip"), envs)
         if hasattr(agent, "load_replay_buffer"):
             agent.load_replay_buffer(latest / "replay_buffer.pkl")
+    agent.action_space.seed(seed)
     agent.set_logger(Logger(None, []))
     task.prepare(agent)
     last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
