@@ -169,7 +169,10 @@ def train(
     checkpoint_every: Annotated[int, typer.Option(min=0, help="Decisions between checkpoints; 0 for none.")] = 25_000,
     settings: SetOption = None,
 ) -> None:
-    """Train a reinforcement learning agent; the same command again goes on from the last checkpoint."""
+    """Train a reinforcement learning agent; the same command again goes on from the last checkpoint.
+
+    Checkpoints beside it are pickles, which can run code: go on only with your own.
+    """
     from lfd_gym.demonstration import load_demonstrations
     from lfd_gym.registry import environment_id, load
 
@@ -196,7 +199,10 @@ def finetune(
     jobs: JobsOption = 1,
     settings: SetOption = None,
 ) -> None:
-    """Let a skill practise in an environment; what became of it is kept if it does not do worse."""
+    """Let a skill practise in an environment; what became of it is kept if it does not do worse.
+
+    Checkpoints beside it are pickles, which can run code: go on only with your own.
+    """
     from lfd_gym.registry import load
     from policies import load_skill
 
@@ -311,7 +317,10 @@ def compare(
     backend: Annotated[str, typer.Option(help="Of joblib: 'loky', or 'ray' on a cluster.")] = "loky",
     finished: Annotated[bool, typer.Option("--finished", help="Run nothing: the table of the rows there are.")] = False,
 ) -> None:
-    """Compare skills and reinforcement learning on the same setups; the same command again goes on where it stopped."""
+    """Compare skills and reinforcement learning on the same setups; the same command again goes on where it stopped.
+
+    Checkpoints in its folder are pickles, which can run code: go on only with a folder of your own.
+    """
     from lfd_gym.experiments import comparison
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import environment_id

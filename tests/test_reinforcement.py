@@ -212,7 +212,13 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
     def train() -> Any:
         return training.train(name, ENV_ID, schedule, tmp_path / "t", seed=3, demonstrations=shown)
 
-    whole = training.TrainingFolder.write
+    whole, reset, started = training.TrainingFolder.write, training.SeededEpisodes.reset, []
+
+    def counted(self: Any, **kwargs: Any) -> Any:
+        started.append(self.next_seed)
+        return reset(self, **kwargs)
+
+    monkeypatch.setattr(training.SeededEpisodes, "reset", counted)
 
     def kill(self: Any, agent: Any, state: Any) -> None:
         if state["decisions"] > 64:
@@ -223,9 +229,19 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
     with pytest.raises(KeyboardInterrupt):
         train()
     assert [path.name for path in (tmp_path / "t").glob("checkpoint-*")] == ["checkpoint-000000064"]
-    monkeypatch.setattr(training.TrainingFolder, "write", whole)
+    before_the_checkpoint, sizes = set(started[: METHODS[name].n_envs]), []
+    started.clear()
+
+    def seen(self: Any, agent: Any, state: Any) -> None:
+        if state["decisions"] == 192:
+            sizes.append(agent.replay_buffer.size() if hasattr(agent, "replay_buffer") else None)
+        whole(self, agent, state)
+
+    monkeypatch.setattr(training.TrainingFolder, "write", seen)
     skill = train()
     assert skill.metadata["decisions"] == 192
+    assert not set(started) & before_the_checkpoint
+    assert sizes in ([192], [None])
     log = [json.loads(line) for line in (tmp_path / "t" / "log.jsonl").read_text().splitlines()]
     assert [row["decisions"] for row in log] == [64, 128, 192]
     assert log[-1]["simulated_hours"] == pytest.approx(19.2 / 3600, abs=1e-4)

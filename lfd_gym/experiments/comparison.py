@@ -6,6 +6,7 @@ another back end is a switch.
 """
 
 import contextlib
+import importlib.util
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -115,8 +116,8 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
     With `finished` nothing is performed: the table is that of the rows that are there, and says how many are not.
 
     Raises, before any job is performed, UnknownNameError for its methods and back end, MissingExtraError for methods that
-    cannot be run here, and InvalidArgumentError where a row was made for another comparison; InvalidArgumentError if no row is
-    finished; and LfdGymError, after all other jobs are done, if a job failed.
+    cannot be run here, and InvalidArgumentError where ray is missing or a row was made for another comparison;
+    InvalidArgumentError if no row is finished; and LfdGymError, after all other jobs are done, if a job failed.
     """
     jobs, rows = comparison.jobs(), Rows(out, quick)
     missing = [job for job in jobs if not rows.exists(job.name)]
@@ -125,6 +126,8 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
             _row(rows, job)
     if comparison.backend not in BACKENDS:
         raise UnknownNameError("back end", comparison.backend, BACKENDS)
+    if comparison.backend == "ray" and importlib.util.find_spec("ray") is None:
+        raise InvalidArgumentError("the back end 'ray' needs the package ray: pip install ray")
     if not finished:
         for method in dict.fromkeys(job.method for job in missing):
             check_can_run(method)
