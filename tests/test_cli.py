@@ -66,7 +66,7 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["learn", "sequence-graph", "DEMOS", "--out", "OUT", "--set", "grahp=1"], "graph"),
         (["evaluate", "random", "light-bulp"], "did you mean 'light-bulb'"),
         (["evaluate", "random", "light-bulb", "-n", "0"], "1 or more"),
-        (["evaluate", "random", "light-bulb", "--jobs", "0"], "1 or more"),
+        (["evaluate", "random", "light-bulb", "--jobs", "0"], "greater than or equal to 1"),
         (["evaluate", "teacher", "light-bulb", "--noise", "-0.5"], "0 or more"),
         (["evaluate", "OUT/no-skill", "light-bulb"], "no-skill"),
         (["render", "random", "nowhere", "--out", "OUT"], "light-bulb"),

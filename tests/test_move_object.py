@@ -16,7 +16,7 @@ def test_nearness_to_the_target_pays_in_the_grip_only() -> None:
         paid.append(step.reward)
         lifted.append(world.subtask_flags()[0])
     first, last = np.flatnonzero(gripped)[[0, -1]]
-    assert max(paid[:first]) < 0.2 < 0.3 < min(paid[first:last])
+    assert max(paid[:first]) < 0.1 < 0.18 < min(paid[first:last])
     assert not any(lifted[:first] + lifted[last + 1 :])
     assert np.mean(gripped[first : last + 1]) > 0.9
-    assert paid[first] < 0.5 < 0.75 < paid[last]
+    assert paid[first] < 0.4 < 0.5 < paid[last]

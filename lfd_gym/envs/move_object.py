@@ -34,7 +34,7 @@ class MoveObjectEnv(ManipulationEnv):
     | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0 |
     | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away |
     | subtasks | `grasped` (lifted by 2 cm), `at_target`, `released` |
-    | dense reward | reach 0.2, grip 0.15, bring to the target and let stand 0.45, release 0.05, withdraw 0.1 |
+    | dense reward | reach 0.1, grip 0.1, bring to the target 0.3, let stand 0.1, release 0.15, withdraw 0.2 |
     | time limit | 30 s |
 
     Workspace of the tool point: x 0.43-0.78, y -0.30-0.30, z 0.01-0.40 m; tilt 0.3 rad, yaw 1.6 rad; alpha 16, beta 4 1/s.
@@ -137,15 +137,15 @@ class MoveObjectEnv(ManipulationEnv):
         off, height = self._off_target(), self._object[2] - HEIGHT
         if off < TOLERANCE and self._standing():
             withdrawn = tolerance(math.dist(self._tool, self._object), (CLEARANCE, math.inf), margin=CLEARANCE)
-            return float(0.8 + (0.05 + 0.1 * withdrawn) * self._untouched)
-        reach = 0.2 * tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
+            return float(0.6 + (0.15 + 0.2 * withdrawn) * self._untouched)
+        reach = 0.1 * tolerance(math.dist(self._tool, self._object), (0.0, 0.03), margin=0.3)
         if not self._gripped():
             return float(reach)
         too_high = height - min(off, CARRIED)
         way = off + max(too_high, -3.0 * too_high)
         near = tolerance(way, margin=0.8, sigmoid="linear", value_at_margin=0.0)
-        close = tolerance(way, margin=0.1, sigmoid="long_tail")
-        return float(reach + 0.15 + 0.25 * near + 0.2 * close)
+        close = tolerance(way, margin=0.05, sigmoid="long_tail")
+        return float(reach + 0.1 + 0.15 * near + 0.15 * close)
 
     def _gripped(self) -> bool:
         """Whether the finger that opposes the other two and one of these touch the object."""
