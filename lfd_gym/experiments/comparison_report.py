@@ -127,7 +127,8 @@ def draw(rows: Sequence[Row], folder: Path) -> None:
                     curve(panel, x, 100 * successes / n, 100 * low, 100 * high, colour, method)
                 else:
                     rate = 100.0 * by_setup(own).mean()
-                    panel.plot(max(_mean_fact(own, key), 1e-3), rate, "s", color=COLOURS[colour], label=method)
+                    marker = "s" if i < len(COLOURS) else "D"
+                    panel.plot(max(_mean_fact(own, key), 1e-3), rate, marker, color=COLOURS[colour], label=method)
             panel.set_xscale("log")
             panel.set_xlabel(label)
             panel.set_ylim(-2.0, 102.0)
