@@ -17,6 +17,7 @@ from policies.decisions import KernelDecision, LinearDecision, MixtureDecision, 
 from policies.moa.frames import Frames
 from policies.path_generators import AttractorPath
 from policies.reinforcement import finetuning, refined_graph, settings, skill_parameters
+from policies.reinforcement.growth import Growth
 from policies.reinforcement.practice import Practice, practise, scores
 from policies.reinforcement.residual import SHIFT, adjusted
 from policies.sequence_graph_learner import SequenceGraphLearner
@@ -72,12 +73,12 @@ def test_an_agent_that_has_not_learned_decides_as_the_graph_does(small: Any, ski
     """Asked at every control step, masked and deterministic, the agent leads the robot where the skill leads it."""
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    env = refined_graph.GraphDecisions(make(ENV_ID, reward_type="dense"), skill, hold=1)
+    env = Growth(refined_graph.GraphDecisions(make(ENV_ID, reward_type="dense"), skill, hold=1))
     agent = small.make_graph_agent(small.GRAPH_PPO, DummyVecEnv([lambda: env]))
     observation, _ = env.reset(seed=SEED)
-    ended, total, nodes = False, 0.0, set()
+    ended, total, nodes = False, env.unwrapped.reward(), set()
     while not ended:
-        action, _ = agent.predict(observation, deterministic=True, action_masks=env.action_masks())
+        action, _ = agent.predict(observation, deterministic=True, action_masks=env.get_wrapper_attr("action_masks")())
         observation, reward, terminated, truncated, info = env.step(action)
         ended, total = terminated or truncated, total + reward
         nodes.add(int(np.argmax(observation[: len(skill.nodes)])))

@@ -77,6 +77,7 @@ class MoveObjectEnv(ManipulationEnv):
         self._pose = self.data.joint("object_joint").qpos
         self._twist = self.data.joint("object_joint").qvel
         self._object, self._target = self.data.body("object").xpos, self.data.body("target").xpos
+        self._matrix = self.data.body("object").xmat
         self._tool = self.data.site("hand/tool").xpos
 
     def sample_setup(self, rng: np.random.Generator) -> dict[str, Any]:
@@ -110,7 +111,7 @@ class MoveObjectEnv(ManipulationEnv):
         return math.hypot(dx, dy)
 
     def _standing(self) -> bool:
-        return abs(self._object[2] - HEIGHT) < 0.005 and abs(self.data.body("object").xmat[8]) > 0.98
+        return abs(self._object[2] - HEIGHT) < 0.005 and abs(self._matrix[8]) > 0.98
 
     def succeeded(self) -> bool:
         """Standing at rest on the target, free, the tool withdrawn."""

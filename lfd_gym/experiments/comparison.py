@@ -120,10 +120,7 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
     InvalidArgumentError if no row is finished; and LfdGymError, after all other jobs are done, if a job failed.
     """
     jobs, rows = comparison.jobs(), Rows(out, quick)
-    missing = [job for job in jobs if not rows.exists(job.name)]
-    for job in jobs:
-        if job not in missing:
-            _row(rows, job)
+    missing = [job for job in jobs if _row(rows, job) is None]
     if comparison.backend not in BACKENDS:
         raise UnknownNameError("back end", comparison.backend, BACKENDS)
     if comparison.backend == "ray" and importlib.util.find_spec("ray") is None:
@@ -133,7 +130,7 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
             check_can_run(method)
         _perform_all(rows, missing, comparison.backend, processes)
         missing = []
-    made = [_row(rows, job) for job in jobs if job not in missing]
+    made = [row for row in (_row(rows, job) for job in jobs) if row is not None]
     if not made:
         raise InvalidArgumentError(f"none of the {len(jobs)} rows is in '{out}'; leave --finished out to make them")
     rows.write("comparison", summary(made) | {"missing": [job.name for job in missing]})
@@ -142,8 +139,10 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
     return table(made) + remark
 
 
-def _row(rows: Rows, job: Job) -> dict[str, Any]:
-    """A finished row; InvalidArgumentError if it was made for another comparison."""
+def _row(rows: Rows, job: Job) -> dict[str, Any] | None:
+    """A finished row, None if it is not there; InvalidArgumentError if it was made for another comparison."""
+    if not rows.exists(job.name):
+        return None
     row: dict[str, Any] = rows.kept(job.name, dict)
     if row["job"] != _asked(rows, job):
         raise InvalidArgumentError(

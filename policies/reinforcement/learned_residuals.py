@@ -10,7 +10,6 @@ from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.view import DECISION_TIME, View
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
 from policies.reinforcement.graph_agent import load_graph_agent, make_graph_agent, residual_network
-from policies.reinforcement.growth import Growth
 from policies.reinforcement.practice import Practice, Practised
 from policies.reinforcement.refined_graph import GraphDecisions, RefinedGraphSkill
 from policies.reinforcement.residual import ResidualSkill, ResidualView
@@ -46,7 +45,7 @@ def learn_residual(practice: Practice) -> Practised:
     skill = practice.skill
 
     def env() -> Any:
-        return Growth(ResidualView(timed(practice.env_id, "dense", practice.env_kwargs, ends=True), skill))
+        return ResidualView(timed(practice.env_id, "dense", practice.env_kwargs, ends=True), skill)
 
     example = env()
     view = View.of(example)

@@ -115,7 +115,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
     """A sequence graph's decisions as an environment: actions are classes of the active node, see `action_masks`.
 
     One action lasts `hold` control steps, or until another node is active, or, where the graph ends, as long as the episode.
-    **Reward**: by how much the environment's own reward grew, so that an episode's sum is how far the task got in the end.
+    **Reward**: the environment's own, at the end of an action.
 
     Args:
         env: a manipulation environment.
@@ -137,7 +137,6 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
         """Begin an episode."""
         self._seen, info = self.env.reset(**kwargs)
         self._state = tuple(array[0] for array in self.skill.start(1))
-        self._before = 0.0
         return self._look(), info
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -150,8 +149,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
             self._seen, reward, terminated, truncated, info = self.env.step(native)
             steps, ended = steps + 1, terminated or truncated
             observation = self._look()
-        gained, self._before = float(reward) - self._before, float(reward)
-        return observation, gained, terminated, truncated, info
+        return observation, float(reward), terminated, truncated, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """(n_classes,) which classes the active node has."""

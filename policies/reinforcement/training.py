@@ -66,7 +66,7 @@ class Task:
 
     settings: TrainingSettings
     env: Callable[[], gymnasium.Env]
-    """An environment of flat observations and decisions."""
+    """An environment of flat observations and decisions; the agent is paid its reward's `Growth`."""
     export: Callable[[Any, Mapping[str, Any]], Skill]
     """The skill that an agent is, from the agent and facts for its metadata."""
     prepare: Callable[[Any], None]
@@ -133,11 +133,11 @@ def viewed(
     env_kwargs: Mapping[str, Any],
     demonstrations: Sequence[Demonstration] = (),
 ) -> gymnasium.Env:
-    """The RL view of an environment, as a method trains in it; it pays growth."""
+    """The RL view of an environment, as a method trains in it."""
     env = timed(env_id, settings.reward_type, env_kwargs)
     if settings.demonstrated_starts and demonstrations:
         env = DemonstratedStarts(env, demonstrations, settings.demonstrated_starts)
-    view = Growth(RLView(env))
+    view = RLView(env)
     return TimeLimit(view, settings.episode) if settings.episode else view
 
 
@@ -236,6 +236,7 @@ def _judged(task: Task, skill: Skill, state: Mapping[str, Any], agent: Any, sche
 
 
 def _monitored(env: gymnasium.Env, reward_scale: float) -> gymnasium.Env:
+    env = Growth(env)
     if reward_scale != 1.0:
         env = TransformReward(env, partial(_scaled, reward_scale))
     return Monitor(env)
