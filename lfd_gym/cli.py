@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
+from lfd_gym.paths import check_writable
 
 EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
 """Unseen setups of the demo, and the seed of the first one."""
@@ -39,7 +40,7 @@ SetOption = Annotated[
 ]
 NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
 ModeOption = Annotated[str, typer.Option(help="How the teacher shows it: 'commanded' or 'kinesthetic'.")]
-SeedOption = Annotated[int, typer.Option(help="Seed of the first episode.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the first episode.")]
 JobsOption = Annotated[int, typer.Option(min=1, help="Processes; they change nothing but time.")]
 
 
@@ -77,6 +78,7 @@ def demo(
     from lfd_gym.report import write_report
 
     env_id = environment_id(env)
+    check_writable(out / "index.html")
     episodes = QUICK_EPISODES if quick else EPISODES
     print(f"1/4  a scripted teacher demonstrates {env_id} three times", flush=True)
     recording = record(env_id, _teacher(env_id, 1.0), n=3, seed=seed, progress=True)
@@ -121,6 +123,7 @@ def teach(
     from lfd_gym.registry import environment_id
 
     env_id, chosen = environment_id(env), parse_settings(settings)
+    check_writable(out)
     teacher = _teacher(env_id, noise, mode, chosen)
     demonstrations, discarded = record(env_id, teacher, n=n, seed=seed, env_kwargs=chosen, progress=True, repeat=repeat)
     save_demonstrations(out, demonstrations)
@@ -141,6 +144,7 @@ def learn(
     settings: SetOption = None,
 ) -> None:
     """Learn a skill from demonstrations."""
+    check_writable(out)
     chosen = parse_settings(settings)
     learner = _learner(method, chosen)
     from lfd_gym.demonstration import check_same_environment, load_demonstrations
@@ -176,6 +180,7 @@ def train(
     from lfd_gym.demonstration import load_demonstrations
     from lfd_gym.registry import environment_id, load
 
+    check_writable(out)
     env_id, chosen = environment_id(env), parse_settings(settings)
     shown = [demonstration for path in demos or () for demonstration in load_demonstrations(path)]
     schedule = load("policies.reinforcement.training:Schedule")(
@@ -206,6 +211,7 @@ def finetune(
     from lfd_gym.registry import load
     from policies import load_skill
 
+    check_writable(out)
     start, chosen = load_skill(skill), parse_settings(settings)
     practised = load("policies.reinforcement.finetuning:finetune")(
         method, start, env, episodes, _beside(out), seed=seed, env_kwargs=chosen, jobs=jobs, progress=True
@@ -235,6 +241,8 @@ def evaluate(
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import environment_id
 
+    if json_path is not None:
+        check_writable(json_path)
     env_id, chosen = environment_id(env), parse_settings(settings)
     policy = _policy(skill, env_id, noise, mode, chosen)
     report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=chosen, progress=True)
@@ -257,14 +265,18 @@ def render(
 ) -> None:
     """Film one episode, or take a picture in it."""
     from lfd_gym import rendering
+    from lfd_gym.evaluation import check_fits
     from lfd_gym.registry import environment_id, make
 
-    env_id, chosen = environment_id(env), parse_settings(settings)
+    env_id, chosen, path = environment_id(env), parse_settings(settings), rendering.video_path(out)
+    check_writable(path)
+    if "render_mode" in chosen:
+        raise InvalidArgumentError("'render' decides the render_mode itself; leave it out")
     policy = _policy(skill, env_id, noise, mode, chosen)
     rendering.prepare()
-    path = rendering.video_path(out)
     size = {"width": 960, "height": 720} if path.suffix == ".png" else {}
     world = make(env_id, render_mode="rgb_array", **(size | chosen))
+    check_fits(policy, world)
     if path.suffix == ".png":
         rendering.write_picture(path, world, policy, seed, at)
         print(f"written to {path}")
@@ -284,6 +296,7 @@ def experiment(
 ) -> None:
     """Make the table of an experiment again."""
     from lfd_gym.experiments import EXPERIMENTS
+    from lfd_gym.experiments.rows import Rows
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import arguments, look_up
 
@@ -291,8 +304,10 @@ def experiment(
     own = [argument for argument in arguments(run) if argument not in ("out", "quick", "jobs")]
     for unknown in [argument for argument in given if argument not in own]:
         raise InvalidArgumentError(str(UnknownNameError(f"setting of experiment '{name}'", unknown, own)))
+    file = Rows(out, quick).folder / "table.md"
+    check_writable(file)
     table = run(out, quick, jobs, **given)
-    with written_whole(out / "table.md") as temporary:
+    with written_whole(file) as temporary:
         temporary.write_text(table + "\n")
     print(table)
 
@@ -322,13 +337,16 @@ def compare(
     Checkpoints in its folder are pickles, which can run code: go on only with a folder of your own.
     """
     from lfd_gym.experiments import comparison
+    from lfd_gym.experiments.rows import Rows
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import environment_id
 
     tasks = [environment_id(name) for name in env or [f"lfd_gym/{task}-v0" for task in comparison.TASKS]]
     asked = comparison.Comparison(tasks, tuple(method or ()), range(seeds), n, demos, steps, backend)
+    file = Rows(out, quick).folder / "table.md"
+    check_writable(file)
     table = comparison.compare(asked, out, quick, jobs, finished)
-    with written_whole(out / "table.md") as temporary:
+    with written_whole(file) as temporary:
         temporary.write_text(table + "\n")
     print(table)
 
@@ -343,6 +361,8 @@ def bench(
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import ENVIRONMENTS, environment_id
 
+    if json_path is not None:
+        check_writable(json_path)
     ids = list(ENVIRONMENTS) if env is None else [environment_id(env)]
     rows = [benchmark(env_id, _policy("teacher", env_id, 1.0)) for env_id in ids]
     print(table(rows))
@@ -360,14 +380,14 @@ def doctor() -> None:
 
 
 def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
-    """`name=value` texts as a dictionary; a value that is no JSON is a string. Raises InvalidArgumentError."""
+    """`name=value` texts as a dictionary; a value is JSON, True, False, None or else a string. Raises InvalidArgumentError."""
     parsed: dict[str, Any] = {}
     for text in settings or ():
         name, separator, value = text.partition("=")
         if not (separator and name.isidentifier()):
             raise InvalidArgumentError(f"--set {text}: it must read name=value, such as control_hz=25")
         try:
-            parsed[name] = json.loads(value)
+            parsed[name] = json.loads({"True": "true", "False": "false", "None": "null"}.get(value, value))
         except json.JSONDecodeError:
             parsed[name] = value
     return parsed
@@ -381,7 +401,8 @@ def _teacher(env_id: str, noise: float, mode: str = "commanded", settings: Mappi
     if not (math.isfinite(noise) and noise >= 0.0):
         raise InvalidArgumentError(f"the noise is {noise:g}; it must be 0 or more (0 clean, 1 a human's)")
     teacher = look_up(TEACHERS, "teacher for", task_id(env_id))
-    shared = {name: value for name, value in settings.items() if name in arguments(teacher)}
+    own = arguments(teacher).keys() - {"noise", "mode"}
+    shared = {name: value for name, value in settings.items() if name in own}
     return teacher(noise=noise, mode=mode, **shared)
 
 

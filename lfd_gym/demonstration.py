@@ -187,7 +187,7 @@ def load_demonstrations(path: str | os.PathLike[str]) -> list[Demonstration]:
             demonstrations = [_read(data[f"demo_{i}"]) for i in range(len(data))]
     except DemonstrationError as error:
         raise DemonstrationError(f"'{path}' is no file of demonstrations: {error}") from error
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except (OSError, KeyError, IndexError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         reason = str(error.args[0] if error.args else error).splitlines()[0]
         raise DemonstrationError(
             f"'{path}' is no readable HDF5 file of demonstrations, or it is truncated ({reason}); record it again"

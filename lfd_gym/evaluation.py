@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import gymnasium
 import joblib
 
 from lfd_gym.errors import InvalidArgumentError, SeedOverlapError
 from lfd_gym.progress import track
-from lfd_gym.registry import environment_id, make
+from lfd_gym.registry import environment_id, make, task_id
 from lfd_gym.rollout import Policy, rollout
 from lfd_gym.versions import versions
 
@@ -117,13 +118,10 @@ def evaluate(
 
     `jobs` changes nothing but time; for more than one the policy must be picklable. An exception in an episode makes it
     a failed one that keeps the exception's text as `error`. Raises SeedOverlapError if the policy was taught on one of
-    the seeds, and InvalidArgumentError if it was taught for another environment or a number is out of range.
+    the seeds, and InvalidArgumentError if it does not fit the environment (`check_fits`) or a number is out of range.
     """
     _check_numbers(episodes, seed, jobs)
     env_id, env_kwargs = environment_id(env_id), dict(env_kwargs or {})
-    taught_for = getattr(policy, "env_id", None)
-    if taught_for is not None and taught_for != env_id.rpartition(":")[2]:
-        raise InvalidArgumentError(f"this skill was taught for {taught_for}, not for {env_id}; evaluate it there")
     seeds = range(seed, seed + episodes)
     overlap = sorted(set(getattr(policy, "taught_seeds", ())).intersection(seeds))
     if overlap:
@@ -135,6 +133,20 @@ def evaluate(
     finished = _run_all(env_id, env_kwargs, policy, seeds, jobs)
     rows = tuple(track(finished, episodes, "episodes", progress))
     return EvaluationReport(env_id, env_kwargs, describe(policy), rows)
+
+
+def check_fits(policy: Any, env: gymnasium.Env) -> None:
+    """Raise InvalidArgumentError for a skill of another task or control step, and for an environment that has none."""
+    native, taught_for, dt = env.unwrapped, getattr(policy, "env_id", None), getattr(policy, "dt", None)
+    env_id, step = env.spec.id if env.spec else type(native).__name__, getattr(native, "dt", None)
+    if step is None:
+        raise InvalidArgumentError(f"{env_id} is no environment of this suite: it has no control step `dt`")
+    if taught_for is not None and task_id(taught_for) != task_id(env_id):
+        raise InvalidArgumentError(f"this skill was taught for {taught_for}, not for {env_id}; evaluate it there")
+    if dt is not None and not math.isclose(dt, step):
+        raise InvalidArgumentError(
+            f"this skill was taught at {1.0 / dt:g} decisions per second, not at {1.0 / step:g}; set control_hz={1.0 / dt:g}"
+        )
 
 
 def wilson_interval(successes: int, n: int, z: float = Z_95) -> tuple[float, float]:
@@ -183,6 +195,7 @@ def _run_list(env_id: str, env_kwargs: Mapping[str, Any], policy: Policy, seeds:
 def _run(env_id: str, env_kwargs: Mapping[str, Any], policy: Policy, seeds: Sequence[int]) -> Iterator[Episode]:
     env = make(env_id, **env_kwargs)
     try:
+        check_fits(policy, env)
         for seed in seeds:
             yield _episode(env, policy, seed)
     finally:

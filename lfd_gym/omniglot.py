@@ -7,7 +7,8 @@ drawing, each between START and BREAK, one point "x,y,milliseconds" per line; y 
 
 import os
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -78,19 +79,25 @@ def _resampled(stroke: Array, n_points: int) -> Array:
 
 
 def _files(path: Path) -> Iterator[tuple[PurePosixPath, str]]:
-    if path.is_dir():
-        for file in path.rglob("*.txt"):
-            yield PurePosixPath(file.as_posix()), file.read_text()
-        return
     try:
-        with zipfile.ZipFile(path) as archive:
-            for name in archive.namelist():
-                if name.endswith(".txt") and len(PurePosixPath(name).parts) >= 3:
-                    yield PurePosixPath(name), archive.read(name).decode()
+        for name, content in _contents(path):
+            if name.suffix == ".txt" and len(name.parts) >= 3:
+                yield name, content().decode()
     except FileNotFoundError as error:
         raise DemonstrationError(f"there is no file '{path}'; {HOW_TO_GET}") from error
     except (zipfile.BadZipFile, UnicodeDecodeError) as error:
-        raise DemonstrationError(f"'{path}' is no readable zip file; {HOW_TO_GET}") from error
+        raise DemonstrationError(f"'{path}' holds what cannot be read; {HOW_TO_GET}") from error
+
+
+def _contents(path: Path) -> Iterator[tuple[PurePosixPath, Callable[[], bytes]]]:
+    """Names in a folder or a zip file, and what reads their bytes."""
+    if path.is_dir():
+        for file in filter(Path.is_file, path.rglob("*")):
+            yield PurePosixPath(path.absolute().name, file.relative_to(path).as_posix()), file.read_bytes
+        return
+    with zipfile.ZipFile(path) as archive:
+        for name in archive.namelist():
+            yield PurePosixPath(name), partial(archive.read, name)
 
 
 def _drawer(name: PurePosixPath) -> int:

@@ -17,6 +17,16 @@ def assets() -> Path:
     return installed if installed.is_dir() else package.parent / "assets"
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raise InvalidArgumentError where no file can be written at this path, before long work for it; makes nothing."""
+    path = Path(path)
+    if path.is_dir():
+        raise InvalidArgumentError(f"cannot write '{path}': it is a folder, a file name is needed")
+    nearest = next(folder for folder in path.absolute().parents if folder.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise InvalidArgumentError(f"cannot write '{path}': '{nearest}' is no folder that can be written to")
+
+
 @contextmanager
 def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path in the same folder that takes the place of `path` only if the block succeeds.
@@ -24,8 +34,7 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     The folder is made if it is missing. Raises InvalidArgumentError where nothing can be written.
     """
     path = Path(path)
-    if path.is_dir():
-        raise InvalidArgumentError(f"cannot write '{path}': it is a folder, a file name is needed")
+    check_writable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)

@@ -58,8 +58,8 @@ def dense_id(env_id: str) -> str:
 
 
 def task_id(env_id: str) -> str:
-    """The row of `ENVIRONMENTS` that an id or its dense variant belongs to."""
-    task, _, version = env_id.rpartition("-")
+    """The row of `ENVIRONMENTS` that an id, its dense variant or "module:id" belongs to."""
+    task, _, version = env_id.rpartition(":")[2].rpartition("-")
     return f"{task.removesuffix('Dense')}-{version}"
 
 
@@ -83,10 +83,11 @@ def environment_id(name: str) -> str:
     return (short | dense)[name]
 
 
-def make(name: str, **kwargs: Any) -> gymnasium.Env:
+def make(name: str, /, **kwargs: Any) -> gymnasium.Env:
     """`gymnasium.make` by short name or id.
 
-    Raises UnknownNameError for an unknown environment and InvalidArgumentError for an argument it does not take.
+    Raises UnknownNameError for an unknown environment, InvalidArgumentError for an argument it does not take, and for an
+    environment of another module that cannot be made.
     """
     env_id = environment_id(name)
     if task_id(env_id) in ENVIRONMENTS:
@@ -95,7 +96,7 @@ def make(name: str, **kwargs: Any) -> gymnasium.Env:
         check_arguments(load(entry.entry_point), kwargs, f"environment '{kebab_case(env_id)}'")
     try:
         return gymnasium.make(env_id, **kwargs)
-    except TypeError as error:
+    except (TypeError, ModuleNotFoundError, gymnasium.error.UnregisteredEnv) as error:
         reason = str(error).partition(" was raised from")[0]
         raise InvalidArgumentError(f"environment '{name}' cannot be made with {kwargs}: {reason}") from error
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lfd_gym.errors import RenderingUnavailableError, UnknownNameError
+from lfd_gym.errors import InvalidArgumentError, RenderingUnavailableError, UnknownNameError
 from lfd_gym.paths import written_whole
 from lfd_gym.rollout import Policy, rollout
 
@@ -91,7 +91,7 @@ class OffscreenRenderer:
         self._data, self._camera = data, camera
         try:
             self._renderer = mujoco.Renderer(model, height, width)
-        except mujoco.FatalError as error:
+        except (mujoco.FatalError, ImportError, AttributeError, RuntimeError) as error:
             raise RenderingUnavailableError(HOW_TO) from error
 
     def frame(self, decorate: Decorate) -> np.ndarray:
@@ -187,9 +187,14 @@ def write_video(path: str | os.PathLike[str], pictures: Iterable[np.ndarray]) ->
         finally:
             if writer is not None:
                 writer.close()
+        if not temporary.stat().st_size:
+            raise RenderingUnavailableError(f"ffmpeg wrote nothing of the {count} pictures for '{path}'")
     return count
 
 
 def video_path(path: Path) -> Path:
-    """The path with the extension .mp4 if it has none."""
-    return path if path.suffix else path.with_suffix(".mp4")
+    """The path with the extension .mp4 if it has none; InvalidArgumentError for one that is neither .mp4 nor .png."""
+    path = path if path.suffix else path.with_suffix(".mp4")
+    if path.suffix not in (".mp4", ".png"):
+        raise InvalidArgumentError(f"'{path}' is neither a video (.mp4) nor a picture (.png)")
+    return path

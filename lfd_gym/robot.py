@@ -123,7 +123,7 @@ class Robot:
 
     def command(self, action: ArrayLike) -> None:
         """Set the goal that the next ticks are attracted to. Raises InvalidActionError."""
-        array = np.asarray(action, dtype=np.float64)
+        array = np.ascontiguousarray(action, dtype=np.float64)
         if array.shape != (self.layout.size,) or not self._set_goal(array):
             self.layout.decode(array)
 
@@ -134,14 +134,13 @@ class Robot:
             guidance: a wrench about the tool point (6,), or where the hand holds the tool (position, quaternion), its twist,
                 and a force that it exerts beside (16,); world axes.
         """
-        memory = self._memory
+        memory, values = self._memory, np.asarray(np.zeros(6) if guidance is None else guidance, dtype=np.float64)
+        if values.shape not in ((6,), (16,)) or not np.isfinite(values).all():
+            raise InvalidArgumentError(f"guidance of shape {values.shape}; expected 6 or 16 finite numbers")
         memory["guided"] = guidance is not None
         self.data.xfrc_applied[self._guided_link] = 0.0
         if guidance is None:
             return
-        values = np.asarray(guidance, dtype=np.float64)
-        if values.shape not in ((6,), (16,)) or not np.isfinite(values).all():
-            raise InvalidArgumentError(f"guidance of shape {values.shape}; expected 6 or 16 finite numbers")
         memory["guide_holds"], memory["guide_torque"] = values.size == 16, 0.0
         if values.size == 6:
             memory["guide_force"], memory["guide_torque"] = values[:3], values[3:]

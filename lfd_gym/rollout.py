@@ -70,6 +70,10 @@ class TeacherPolicy:
         """Wrap a teacher, anything with `reset(rng, layout, dt)` and `act(observation) -> (action, label)`."""
         self.teacher = teacher
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the world of the episode that is going on."""
+        return {"teacher": self.teacher}
+
     def begin_episode(self, env: gymnasium.Env, seed: int) -> None:
         """Start the teacher over with the random numbers of this episode."""
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))

@@ -49,9 +49,10 @@ class View:
 
     @classmethod
     def of(cls, env: gymnasium.Env) -> "View":
-        """The view of an environment."""
+        """The view of an environment. Raises InvalidArgumentError for one that was not made by `gymnasium.make`."""
         world: Any = env.unwrapped
-        assert world.spec is not None
+        if world.spec is None:
+            raise InvalidArgumentError("the RL view needs an environment with a spec: make it with gymnasium.make")
         return cls.of_class(world.spec.id, world.action_layout, world.dt)
 
     @classmethod

@@ -4,6 +4,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
@@ -47,8 +48,9 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
         self.view = View.of(env)
         self._latest: dict[str, NDArray[np.float64]] = {}
         self.action_space = Box(-1.0, 1.0, (len(self.view.controls),), np.float32)
-        observation, _ = env.reset(seed=0)
-        self.observation_space = Box(-BOUND, BOUND, self.view.flatten(observation).shape, np.float32)
+        nothing = {name: np.zeros(space.shape) for name, space in world.observation_space.items()}
+        self.observation_space = Box(-BOUND, BOUND, self.view.flatten(nothing).shape, np.float32)
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / (self.view.repeats * self.view.dt))}
 
     def reset(self, **kwargs: Any) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode."""
@@ -56,7 +58,9 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
         return self.view.flatten(self._latest), info
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Hold one decision for a tenth of a second."""
+        """Hold one decision for a tenth of a second. Raises ResetNeeded before the first reset."""
+        if not self._latest:
+            raise ResetNeeded("the RL view cannot step before its first reset")
         rewards: list[float] = []
         terminated = truncated = False
         while len(rewards) < self.view.repeats and not (terminated or truncated):

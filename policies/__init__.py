@@ -40,7 +40,7 @@ def load_skill(path: str | os.PathLike[str]) -> Skill:
     """The skill in a file that `Skill.save` wrote; no code in the file is run. Raises SkillFileError."""
     header, arrays = read_skill_file(path)
     kind = header.get("kind")
-    if kind not in SKILLS:
+    if not isinstance(kind, str) or kind not in SKILLS:
         raise SkillFileError(f"'{path}' holds a skill of kind {kind!r}; possible: {', '.join(SKILLS)}")
     try:
         skill: Skill = load(SKILLS[kind]).from_arrays(header["values"], arrays, **header["facts"])

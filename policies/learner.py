@@ -23,6 +23,8 @@ class Learner(BaseEstimator, ABC):
 
     needs: tuple[str, ...] = ("tool_position", "tool_quaternion")
     """Observations that must be there."""
+    reads: tuple[str, ...] = ("wrench", "hand_", "frame_")
+    """Beginnings of the names of those that it reads besides, where they are there."""
     needs_labels = True
     """Whether every step must be labelled and every demonstration show a transition."""
 
@@ -43,7 +45,7 @@ class Learner(BaseEstimator, ABC):
         """
         demonstrations = list(demonstrations)
         check_same_environment(demonstrations)
-        _check_alike(demonstrations)
+        _check_alike(demonstrations, self.needs_labels)
         for i, demonstration in enumerate(demonstrations):
             self._check_one(f"demonstration {i}", demonstration)
         self.skill_ = self.learn(demonstrations)
@@ -53,19 +55,19 @@ class Learner(BaseEstimator, ABC):
         missing = [need for need in self.needs if need not in demonstration.observations]
         if missing:
             raise DemonstrationError(f"{name} has no observation '{missing[0]}', which this method needs")
-        for need in self.needs:
-            if not np.isfinite(demonstration.observations[need]).all():
-                raise DemonstrationError(f"the observation '{need}' of {name} is not finite; repeat the demonstration")
+        for key, values in demonstration.observations.items():
+            if (key in self.needs or key.startswith(self.reads)) and not np.isfinite(values).all():
+                raise DemonstrationError(f"the observation '{key}' of {name} is not finite; repeat the demonstration")
         if self.needs_labels:
             _check_labels(name, demonstration)
 
 
-def _check_alike(demonstrations: Sequence[Demonstration]) -> None:
-    first = demonstrations[0]
+def _check_alike(demonstrations: Sequence[Demonstration], labelled: bool) -> None:
+    first, shared = demonstrations[0], {"dt": "time step", "action_layout": "action layout"}
+    shared |= {"primitives": "primitive table"} if labelled else {}
     for i, other in enumerate(demonstrations[1:], start=1):
-        for name in ("dt", "action_layout", "primitives"):
+        for name, what in shared.items():
             if getattr(other, name) != getattr(first, name):
-                what = {"dt": "time step", "action_layout": "action layout", "primitives": "primitive table"}[name]
                 raise DemonstrationError(f"the {what} of demonstration {i} differs from that of demonstration 0")
         if set(other.observations) != set(first.observations):
             raise DemonstrationError(f"demonstration {i} observes other quantities than demonstration 0")

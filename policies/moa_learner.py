@@ -34,6 +34,7 @@ class TrajectoryLearner(Learner):
     """
 
     needs = ("tool_position", "tool_quaternion", "wrench")
+    reads = ("hand_",)
     needs_labels = False
 
     events: float
@@ -152,7 +153,7 @@ def _hand(demonstrations: Sequence[Demonstration], warps: Sequence[Array]) -> Ar
     """Mean angles (N, H) [rad], beyond where most drives bear torque: there the hand presses on something."""
     rows = zip(demonstrations, warps, strict=True)
     angles = np.mean([resample(_measured_hand(demonstration), index) for demonstration, index in rows], axis=0)
-    if angles.shape[1]:
+    if angles.shape[1] and "hand_torque" in demonstrations[0].observations:
         torque = np.median(_at(demonstrations, "hand_torque", warps), axis=0)
         angles += GRIP * np.sign(torque) * (np.abs(torque) > PRESSES)
     return np.asarray(angles)

@@ -32,7 +32,7 @@ FELT = 0.4
 LAG = 0.01
 """The path waits for a tool that is further away from it [m], across the direction of a press."""
 PATIENCE = 1.0
-"""The longest wait at a stretch [s]."""
+"""The longest wait for one thing [s]."""
 
 
 class Memory(NamedTuple):
@@ -41,7 +41,7 @@ class Memory(NamedTuple):
     step: NDArray[np.int64]
     """(n,) time step of the path; -1 before the first observation."""
     waited: Array
-    """(n,) for how long the path has been waiting [s]."""
+    """(n,) for how long the path has been waiting for what is missing now [s]."""
     path: Array
     """(n, N, 3) of the tool point in the scene as it was at the first observation, world frame [m]."""
     frames: Array
@@ -52,8 +52,9 @@ class MoASkill(Skill):
     """Follows a path over time (thesis 4.4.2), and presses and turns by schedules.
 
     The goal of step i makes the controller's attractor follow the path x exactly, g_i = x_i + (x_i'' / alpha + x_i') / beta.
-    Its clock stops, for at most `PATIENCE` at a stretch, while the tool shall press and does not feel the contact, or lags
-    behind by more than `LAG`: who demonstrated pressed all along the contact, and was where the path is.
+    Its clock stops while the tool shall press and does not feel the contact, or lags behind by more than `LAG`: who
+    demonstrated pressed all along the contact, and was where the path is. After `PATIENCE` it goes on, whatever is missing,
+    until nothing is.
     """
 
     kind: ClassVar[str] = "moa"
@@ -89,7 +90,8 @@ class MoASkill(Skill):
         i = int(memory.step)
         pressed = int(self.press.frame[i])
         force = quaternion.rotate(memory.frames[pressed, 3:], self.press.force[i])
-        waits = memory.waited < PATIENCE and self._lags(observation, memory.path[i], force)
+        lags = self._lags(observation, memory.path[i], force)
+        waits = lags and memory.waited < PATIENCE
         turned = memory.frames[self.orientation.frame[i], 3:]
         goal = memory.path[i] if waits else self._goal(memory.path, i)
         action = self.layout.encode(
@@ -98,7 +100,7 @@ class MoASkill(Skill):
         if waits:
             return action, memory._replace(waited=memory.waited + self.dt)
         following = min(i + 1, len(memory.path) - 1)
-        return action, memory._replace(step=np.array(following), waited=np.array(0.0))
+        return action, memory._replace(step=np.array(following), waited=memory.waited if lags else np.array(0.0))
 
     def _begin(self, observation: Observation) -> Memory:
         poses = np.array([WORLD, *(observation[f"frame_{name}"] for name in self.frames)])

@@ -52,7 +52,7 @@ class NodeLearner(NamedTuple):
         patience = np.inf
         if self.patience is not None and not (targets[1:] == node).any():
             patience = self.patience * stillness * self.dt + PATIENCE_MARGIN
-        rests = np.array([0, *(data.rests[exit_] for exit_ in data.exits)])[seen]
+        rests = np.array([0, *(data.rests[exit_] if node else 0 for exit_ in data.exits)])[seen]
         return Node(
             tuple(feature.name for feature in data.features),
             np.array([feature.primitive for feature in data.features], dtype=np.int64),

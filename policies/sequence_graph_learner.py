@@ -56,6 +56,8 @@ class SequenceGraphLearner(Learner):
             uses it, "drop" names it and leaves it out, "keep" does not look.
     """
 
+    reads = ()
+
     def __init__(
         self,
         graph: str = "global",
@@ -130,6 +132,8 @@ class SequenceGraphLearner(Learner):
             done = "is left out" if self.outliers == "drop" else "is used all the same; outliers='drop' leaves it out"
             warnings.warn(f"{outlier}; it {done}", OutlierWarning, stacklevel=4)
         left_out = {outlier.index for outlier in found} if self.outliers == "drop" else set()
+        if len(left_out) == len(demonstrations):
+            raise DemonstrationError("every demonstration is an outlier; outliers='keep' learns from them all the same")
         return [demonstration for i, demonstration in enumerate(demonstrations) if i not in left_out]
 
     def _sequence_graph(self, labels: Sequence[NDArray[np.int64]]) -> SequenceGraph:

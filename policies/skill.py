@@ -89,7 +89,8 @@ class Skill(ABC):
         """Write the skill to one file, which is there whole or not at all."""
         values, arrays = self.to_arrays()
         facts = {"env_id": self.env_id, "taught_seeds": list(self.taught_seeds), "metadata": self.metadata}
-        header = json.dumps({"schema": SCHEMA, "kind": self.kind, "facts": facts, "values": values}, sort_keys=True)
+        described = {"schema": SCHEMA, "kind": self.kind, "facts": facts, "values": values}
+        header = json.dumps(described, sort_keys=True, default=lambda value: value.tolist())
         with written_whole(path) as temporary, open(temporary, "wb") as file:
             everything: dict[str, Any] = {HEADER: np.array(header), **arrays}
             np.savez(file, **everything)
@@ -104,7 +105,16 @@ def read_skill_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[
         header = json.loads(str(arrays.pop(HEADER)))
     except FileNotFoundError:
         raise SkillFileError(f"no skill at '{path}'; 'lfd-gym learn' writes one") from None
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except (
+        OSError,
+        TypeError,
+        ValueError,
+        KeyError,
+        EOFError,
+        RuntimeError,
+        AttributeError,
+        zipfile.BadZipFile,
+    ) as error:
         raise SkillFileError(f"'{path}' is no skill, or is damaged; 'lfd-gym learn' writes skills") from error
     if not isinstance(header, dict) or header.get("schema") != SCHEMA:
         found = header.get("schema") if isinstance(header, dict) else None

@@ -50,7 +50,7 @@ class Shadow:
     Where it breaks: a place that is crossed slowly, below 1 cm/s, counts as reached.
 
     Args:
-        teacher: any teacher without noise; the shadow runs its script, and it must not act besides.
+        teacher: one without noise that has a hand; the shadow runs its script, and it must not act besides.
     """
 
     leeway: float

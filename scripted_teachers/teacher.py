@@ -7,7 +7,7 @@ the path it waits until the goal is reached, pauses, and looks at the world agai
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,10 @@ class ScriptedTeacher:
         if self._outside_hand is not None:
             self.guidance = self._outside_hand.guide(observation, *self._wanted)
         return action, label
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the episode that is going on: a generator cannot be copied."""
+        return {name: value for name, value in vars(self).items() if name != "_steps"}
 
     def pull(self) -> float:
         """The strength of a pull [N]."""

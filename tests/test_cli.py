@@ -15,7 +15,7 @@ from lfd_gym.demonstration import load_demonstrations, save_demonstrations
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.recording import record
 
-TEACHERS = {toy.ENV_ID: "toy:PointTeacher"}
+TEACHERS = {"Point-v0": "toy:PointTeacher"}
 
 
 @pytest.fixture
@@ -61,6 +61,8 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["teach", "light-bulb", "--out", "OUT", "--seed", "-1"], "0 or more"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "speed"], "name=value"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "fingertip_fiction=1"], "fingertip_friction"),
+        (["teach", "light-bulb", "--out", "OUT", "--set", "noise=2"], "'noise'"),
+        (["teach", "light-bulb", "--out", "DEMOS/demos.h5"], "cannot write"),
         (["learn", "sequence-graf", "DEMOS", "--out", "OUT"], "sequence-graph"),
         (["learn", "sequence-graph", "OUT/none.h5", "--out", "OUT"], "no such file"),
         (["learn", "sequence-graph", "DEMOS", "--out", "OUT", "--set", "grahp=1"], "graph"),
@@ -69,6 +71,12 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["evaluate", "random", "light-bulb", "--jobs", "0"], "greater than or equal to 1"),
         (["evaluate", "teacher", "light-bulb", "--noise", "-0.5"], "0 or more"),
         (["evaluate", "OUT/no-skill", "light-bulb"], "no-skill"),
+        (["evaluate", "random", "light-bulb", "--json", "DEMOS/report.json"], "cannot write"),
+        (["evaluate", "random", "light-bulb", "--set", "name=x"], "'name'"),
+        (["render", "random", "light-bulb", "--out", "OUT.jpg"], ".mp4"),
+        (["render", "random", "light-bulb", "--out", "OUT.png", "--seed", "-1"], "0"),
+        (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "render_mode=human"], "render_mode"),
+        (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "width=0"], "width"),
         (["render", "random", "nowhere", "--out", "OUT"], "light-bulb"),
         (["bench", "nowhere"], "light-bulb"),
         (["teach", "light-bulb"], "--out"),
@@ -93,8 +101,8 @@ def test_truncated_and_foreign_demonstrations_are_refused(capsys, tmp_path, trun
 
 
 def test_values_of_settings_are_json_or_else_text() -> None:
-    parsed = cli.parse_settings(["a=1", "b=0.5", "c=dense", "d=[1, 2]", "e=true", "f=null", "g=x=y"])
-    assert parsed == {"a": 1, "b": 0.5, "c": "dense", "d": [1, 2], "e": True, "f": None, "g": "x=y"}
+    parsed = cli.parse_settings(["a=1", "b=0.5", "c=dense", "d=[1, 2]", "e=true", "f=null", "g=x=y", "h=False"])
+    assert parsed == {"a": 1, "b": 0.5, "c": "dense", "d": [1, 2], "e": True, "f": None, "g": "x=y", "h": False}
     for wrong in ("a", "=1", "a b=1"):
         with pytest.raises(InvalidArgumentError, match="name=value"):
             cli.parse_settings([wrong])

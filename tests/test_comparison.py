@@ -80,6 +80,7 @@ def test_jobs_are_those_of_the_issue() -> None:
     jobs = {job.name: job for job in Comparison([ENV_ID, "lfd_gym/LightBulb-v0"]).jobs()}
     assert jobs["move-object-ppo-2"].decisions == 3_000_000
     assert jobs["move-object-sac-sparse-0"].decisions == 300_000
+    assert jobs["move-object-sac-demos-0"].decisions == 750_000
     assert jobs["light-bulb-ppo-0"].decisions == 100_000
     assert jobs["light-bulb-sac-demos-1"].demonstrations == 3
     assert jobs["light-bulb-ppo-1"].demonstrations == jobs["light-bulb-random-0"].demonstrations == 0
@@ -159,7 +160,7 @@ def test_compare_from_the_command_line(tmp_path: Path, monkeypatch: pytest.Monke
     assert cli.main([*arguments, "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert [line.split(" | ")[1] for line in printed.splitlines()[2:]] == ["sequence-graph", "sac-demos", "random"]
-    assert (tmp_path / "table.md").read_text() == printed
+    assert (tmp_path / "quick" / "table.md").read_text() == printed
     assert (tmp_path / "quick" / "move-object.png").read_bytes()[:4] == b"\x89PNG"
     trained = json.loads((tmp_path / "quick" / "move-object-sac-demos-0.json").read_text())
     assert trained["facts"]["decisions"] == comparison.QUICK_DECISIONS

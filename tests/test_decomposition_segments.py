@@ -11,7 +11,7 @@ from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.observed import CARRIED_PENALTY, observe
 from policies.decomposition.segmentation import ENTITIES, segment, smooth
-from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing
+from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing, widest_gap
 
 TURN, SHIFT = quaternion.from_rotation_vector(np.array([0.0, 0.0, 1.1])), np.array([0.1, -0.2, 0.05])
 
@@ -66,6 +66,33 @@ def test_contacts_cut_a_rest(shown: list[Demonstration]) -> None:
     moves = [part.moves for part in segment(shown, "position")]
     assert any(level > 1.0 and not motion for level, motion in zip(pressed, moves, strict=True))
     assert any(level < 0.1 and not motion for level, motion in zip(pressed, moves, strict=True))
+
+
+def test_where_the_angle_of_an_object_begins_does_not_matter(shown: list[Demonstration]) -> None:
+    def ends(angle: float) -> np.ndarray:
+        turn = quaternion.from_rotation_vector(np.array([0.0, 0.0, angle]))
+        seen = [dict(d.observations) for d in shown]
+        for rows in seen:
+            poses = rows["frame_lid"].copy()
+            poses[:, 3:] = [quaternion.canonical(quaternion.multiply(pose[3:], turn)) for pose in poses]
+            rows["frame_lid"] = poses
+        data = entity_segments(
+            [dataclasses.replace(d, observations=rows) for d, rows in zip(shown, seen, strict=True)], "position"
+        )
+        f = next(i for i, space in enumerate(data.spaces) if space.frame == "lid" and space.space == "cylindrical")
+        return np.array([view[f].end for view in data.views])
+
+    for angle in np.arange(-3.0, 3.1, 0.5):
+        np.testing.assert_allclose(np.diff(ends(angle), axis=0), np.diff(ends(0.0), axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("angles", [[3.1, -3.1, 3.0, 2.9], [0.1, -0.1], [1.0], [-2.0, 2.0, 0.0]])
+def test_the_widest_gap_parts_no_neighbours(angles: list[float]) -> None:
+    seam = widest_gap(np.array(angles))
+    counted = (np.array(angles) - seam) % (2.0 * np.pi)
+    assert -2.0 * np.pi < seam <= 0.0
+    assert counted.min() == pytest.approx(2.0 * np.pi - counted.max())
+    assert np.ptp(counted) == pytest.approx({4: 0.283185, 2: 0.2, 1: 0.0, 3: 4.0}[len(angles)], abs=1e-5)
 
 
 @pytest.mark.parametrize("entity", ["position", "orientation"])

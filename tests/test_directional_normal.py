@@ -146,6 +146,7 @@ def test_moments_are_accurate_where_the_printed_form_is_not_a_number() -> None:
         mean = quad(lambda t, at=at: t * np.exp(-0.5 * (t - at) ** 2), 0.0, 20.0)[0] / weight
         square = quad(lambda t, at=at: t**2 * np.exp(-0.5 * (t - at) ** 2), 0.0, 20.0)[0] / weight
         np.testing.assert_allclose([part.item() for part in truncated_normal(at)[1:]], [mean, square], rtol=1e-6)
+    assert truncated_normal(-50.0).first == first[1]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         printed = np.exp(-0.5 * 50.0**2) / (1.0 - multivariate_normal.cdf(50.0))
     assert np.isnan(printed)

@@ -104,6 +104,15 @@ def test_unusable_actions_are_refused(env: Any) -> None:
         env.step(np.zeros(3))
 
 
+def test_an_action_may_lie_anywhere_in_memory(env: Any) -> None:
+    wide = np.linspace(-1.0, 1.0, 2 * env.action_space.shape[0]).reshape(-1, 2)
+    for action in (wide[:, 0], wide[::-1, 1]):
+        env.reset(seed=0)
+        expected = env.step(action.copy())[0]
+        env.reset(seed=0)
+        assert_equal(env.step(action)[0], expected)
+
+
 @pytest.mark.parametrize(
     ("argument", "value"),
     [
@@ -115,6 +124,9 @@ def test_unusable_actions_are_refused(env: Any) -> None:
         ("fingertip_friction", 1.3),
         ("fingertip_friction", 0.0),
         ("render_mode", "ascii"),
+        ("terminate_on_success", "yes"),
+        ("width", 0),
+        ("height", "tall"),
     ],
 )
 def test_impossible_arguments_are_refused(argument: str, value: object) -> None:
@@ -369,13 +381,14 @@ def test_a_reset_does_not_compile_the_model_anew(env: Any) -> None:
 
 
 def test_a_broken_simulation_ends_the_episode() -> None:
-    env = make(IDS[0])
+    env = make(IDS[0], reward_type="dense")
     observation, _ = env.reset(seed=0)
     env.data.qvel[3] = np.nan
-    _, reward, terminated, _, info = env.step(np.zeros(env.action_space.shape))
+    last, reward, terminated, _, info = env.step(np.zeros(env.action_space.shape))
     assert info["broken"]
     assert terminated
-    assert reward < 1.0
+    assert reward == 0.0
+    assert env.observation_space.contains(last)
     again, info = env.reset(seed=0)
     assert not info["broken"]
     assert_equal(observation, again)

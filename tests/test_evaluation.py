@@ -10,10 +10,11 @@ from scipy import stats
 
 from lfd_gym.demonstration import save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SeedOverlapError, UnknownNameError
-from lfd_gym.evaluation import evaluate, wilson_interval
+from lfd_gym.evaluation import check_fits, evaluate, wilson_interval
 from lfd_gym.recording import TEACHING_SEEDS, record
 from lfd_gym.registry import make
 from lfd_gym.rollout import RandomPolicy, TeacherPolicy, rollout
+from scripted_teachers.move_object import MoveObjectTeacher
 
 
 @pytest.mark.parametrize(("successes", "n"), [(0, 1), (0, 20), (3, 7), (50, 100), (95, 100), (100, 100)])
@@ -67,6 +68,27 @@ def test_a_skill_is_not_judged_in_another_environment() -> None:
     policy.env_id = "lfd_gym/LightBulb-v0"
     with pytest.raises(InvalidArgumentError, match="taught for lfd_gym/LightBulb-v0"):
         evaluate(toy.ENV_ID, policy, episodes=1, seed=100000)
+
+
+def test_a_skill_is_judged_under_either_reward_but_at_its_own_rate() -> None:
+    policy = TeacherPolicy(MoveObjectTeacher(noise=0.0))
+    policy.env_id, policy.dt = "lfd_gym/MoveObject-v0", 0.02
+    check_fits(policy, make("move-object-dense"))
+    with pytest.raises(InvalidArgumentError, match="control_hz=50"):
+        check_fits(policy, make("move-object", control_hz=25))
+    with pytest.raises(InvalidArgumentError, match="no environment of this suite"):
+        evaluate("CartPole-v1", RandomPolicy(), episodes=1, seed=100000)
+    for foreign in ("lfd_gym:lfd_gym/Nothing-v0", "no_such_module:Nothing-v0"):
+        with pytest.raises(InvalidArgumentError, match="cannot be made"):
+            evaluate(foreign, RandomPolicy(), episodes=1, seed=100000)
+
+
+def test_a_teacher_that_has_taught_can_be_sent_to_processes() -> None:
+    teacher = MoveObjectTeacher(noise=1.0)
+    record("move-object", teacher, 1, seed=0)
+    fresh = TeacherPolicy(MoveObjectTeacher(noise=1.0))
+    used = evaluate("move-object", TeacherPolicy(teacher), episodes=2, seed=100000, jobs=2)
+    assert used.to_json() == evaluate("move-object", fresh, episodes=2, seed=100000).to_json()
 
 
 @pytest.mark.parametrize("numbers", [{"episodes": 0}, {"seed": -1}, {"jobs": 0}])

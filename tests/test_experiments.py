@@ -141,7 +141,7 @@ def test_goal_learning_makes_its_table_and_figure(tmp_path: Path, monkeypatch: p
     table = goal_learning.run(tmp_path, quick=True, jobs=1)
     first = [float(cell.split(" ±")[0]) for cell in table.splitlines()[4].split("|")[2:-1]]
     assert first[-1] < first[0]
-    assert (tmp_path / "goal-learning.png").read_bytes().startswith(PNG)
+    assert (tmp_path / "quick" / "goal-learning.png").read_bytes().startswith(PNG)
 
 
 # graphs and classifiers
@@ -179,7 +179,7 @@ def test_planted_rates_and_orders_are_found(tmp_path: Path) -> None:
         assert low < mean < high
         assert high - low < 15.0
     assert [line.count(", shows") for line in table.splitlines()[-3:]] == [0, 2, 2]
-    assert (tmp_path / "graphs.png").read_bytes().startswith(PNG)
+    assert (tmp_path / "quick" / "graphs.png").read_bytes().startswith(PNG)
 
 
 def test_equal_skills_do_not_differ() -> None:
@@ -324,7 +324,7 @@ def test_practice_is_compared_with_the_skill_it_started_from(tmp_path: Path, mon
     monkeypatch.setattr(finetuning, "load_skill", lambda path: pytest.fail("a finished row was made again"))
     assert finetuning.run(tmp_path, True, 1) == table
     monkeypatch.setattr(finetuning, "QUICK_PRACTICE", 32)
-    with pytest.raises(InvalidArgumentError, match="made with 16 episodes"):
+    with pytest.raises(InvalidArgumentError, match="16 episodes of practice"):
         finetuning.run(tmp_path, True, 1)
 
 

@@ -93,6 +93,10 @@ def test_guidance_that_is_none_is_refused(guidance: np.ndarray) -> None:
     env.reset(seed=SEED)
     with pytest.raises(InvalidArgumentError, match="6 or 16 finite numbers"):
         env.unwrapped.set_guidance(guidance)
+    other = make("move-object")
+    other.reset(seed=SEED)
+    goal = np.ones(env.action_space.shape)
+    np.testing.assert_array_equal(env.step(goal)[0]["tool_position"], other.step(goal)[0]["tool_position"])
 
 
 def shown(env_id: str, noise: float) -> Demonstration:

@@ -126,3 +126,23 @@ def test_the_same_skill_is_learned_from_the_file(method: str, skill, taught: lis
     save_demonstrations(tmp_path / "demos.h5", taught)
     other = new(method).fit(load_demonstrations(tmp_path / "demos.h5")).skill_
     assert np.array_equal(actions_of(other, seen(taught[0])), actions_of(skill, seen(taught[0])))
+
+
+def test_measurements_that_are_no_numbers_are_refused(method: str, taught: list[Demonstration]) -> None:
+    first = taught[0]
+    for name in ("hand_position", "frame_object"):
+        rows = first.observations[name].copy()
+        rows[0] = np.nan
+        broken = dataclasses.replace(first, observations={**first.observations, name: rows})
+        with pytest.raises(DemonstrationError, match="not finite"):
+            new(method).fit([*taught[1:], broken])
+
+
+def test_unlabelled_learners_do_not_look_at_the_primitives(method: str, taught: list[Demonstration]) -> None:
+    learner = new(method)
+    other = dataclasses.replace(taught[0], primitives=taught[0].primitives[::-1])
+    if learner.needs_labels:
+        with pytest.raises(DemonstrationError, match="primitive table"):
+            learner.fit([*taught[1:], other])
+    else:
+        assert learner.fit([*taught[1:], other]).skill_.kind

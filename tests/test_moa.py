@@ -290,6 +290,11 @@ def test_arguments_that_are_not_possible(settings, message):
         learned([LINE], None, **settings)
 
 
+def test_a_margin_may_be_a_whole_number():
+    exact, whole = (learned([LINE], None, margin=margin) for margin in (0.0, 0))
+    assert np.array_equal(exact.z_, whole.z_)
+
+
 def test_a_solver_that_is_not_there_and_frames_that_do_not_fit():
     with pytest.raises(UnknownNameError, match="no solver 'quick'"):
         learned([LINE], None, solver="quick")

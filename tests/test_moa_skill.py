@@ -116,6 +116,14 @@ def test_the_clock_stops_for_a_contact_that_is_missing_but_not_for_ever(skill):
         steps.append(int(Memory(*state).step[0]))
     assert steps[: round(PATIENCE / DT)] == [i] * round(PATIENCE / DT)
     assert steps[-1] > i
+    later = []
+    for _ in range(5):
+        memory = Memory(*state)
+        _, state = skill.predict(
+            seen | {"tool_position": memory.path[0, int(memory.step[0])], "wrench": np.zeros(6)}, state
+        )
+        later.append(int(Memory(*state).step[0]))
+    assert later == [steps[-1] + n for n in range(1, 6)]
     normal = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()[:, 2]
     felt = on_path | {"wrench": np.r_[PRESS * normal, np.zeros(3)]}
     _, state = skill.predict(felt, Memory(*state)._replace(step=np.array([i]), waited=np.zeros(1)))

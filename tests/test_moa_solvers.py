@@ -168,6 +168,15 @@ def test_iterations_that_do_not_suffice_are_reported():
         assert not solve(problem, max_iterations=3).converged
 
 
+def test_more_accuracy_than_there_is_ends_at_the_best_that_was_found():
+    for seed in range(5):
+        problem, _, _ = problem_of(np.random.default_rng(seed), noise=0.01)
+        with pytest.warns(UserWarning, match="relative gap"):
+            found = solve(problem, tolerance=0.0)
+        assert 0.0 <= found.relative_gap < 1e-8
+        assert found.cost == pytest.approx(solve(problem).cost, rel=1e-5)
+
+
 def test_thesis_size_needs_little_memory():
     problem, attractors, _ = problem_of(np.random.default_rng(12), n_support=75, d=3, n_steps=1200, noise=0.005)
     assert problem.n_support * attractors.n_attractors == 1800

@@ -42,6 +42,14 @@ def test_an_alphabet_is_read_in_order(archive):
     assert len(read_drawings(archive, "Greek")) == 1
 
 
+def test_other_files_of_a_folder_are_passed_over(archive, tmp_path):
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(tmp_path / "unpacked")
+    (tmp_path / "unpacked" / "notes.txt").write_text("not a drawing")
+    assert len(read_drawings(tmp_path / "unpacked", "Latin")) == 5
+    assert len(read_drawings(tmp_path / "unpacked" / "strokes" / "Latin", "Latin")) == 5
+
+
 def test_a_folder_is_read_like_the_file(archive, tmp_path):
     with zipfile.ZipFile(archive) as file:
         file.extractall(tmp_path / "unpacked")
@@ -90,5 +98,5 @@ def test_files_that_hold_no_drawings(tmp_path):
     with pytest.raises(DemonstrationError, match="holds no drawings .*download"):
         read_drawings(tmp_path, "Latin")
     (tmp_path / "bad.zip").write_bytes(b"no zip")
-    with pytest.raises(DemonstrationError, match="is no readable zip file; download"):
+    with pytest.raises(DemonstrationError, match="holds what cannot be read; download"):
         read_drawings(tmp_path / "bad.zip", "Latin")

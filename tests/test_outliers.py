@@ -92,6 +92,10 @@ def test_learner_names_an_outlier_and_leaves_it_out_if_asked(usual):
     with pytest.warns(OutlierWarning, match="is used all the same"):
         kept = SequenceGraphLearner().fit(shown).skill_
     assert not np.array_equal(kept.primitives.goal, without.primitives.goal)
+    away = np.array([0.0, 0.3, 0.0])
+    odd = [shifted(usual[0], REACH, away), shifted(usual[1], CARRY, away), shifted(usual[2], CARRY, -away)]
+    with pytest.warns(OutlierWarning), pytest.raises(DemonstrationError, match="every demonstration is an outlier"):
+        SequenceGraphLearner(outliers="drop").fit(odd)
     with pytest.raises(UnknownNameError, match="outliers"):
         SequenceGraphLearner(outliers="hide").fit(shown)
 

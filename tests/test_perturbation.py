@@ -6,6 +6,8 @@ import pytest
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.perturbation import EARLIEST, LATEST, PUSH_TIME, Perturbation, Schedule
 from lfd_gym.registry import make
+from lfd_gym.rollout import TeacherPolicy, rollout
+from scripted_teachers.move_object import MoveObjectTeacher
 
 SEED = 200000
 
@@ -89,6 +91,21 @@ def test_a_perturbed_state_is_restored_exactly() -> None:
         ours, *_ = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
         theirs, *_ = other.step(np.zeros(env.action_space.shape, dtype=np.float32))
     assert all(np.array_equal(ours[key], theirs[key]) for key in ours)
+
+
+def test_a_slip_is_restored_in_the_middle_of_a_grasp() -> None:
+    env, other = (make("move-object", perturbation={"slip": 0.5}) for _ in range(2))
+    other.reset(seed=SEED)
+    world, restored, around = env.unwrapped, other.unwrapped, 0
+    for step in rollout(env, TeacherPolicy(MoveObjectTeacher(noise=0.0)), SEED + 1):
+        if around:
+            theirs = other.step(step.action)[0]
+            assert all(np.array_equal(step.next_observation[key], theirs[key]) for key in theirs)
+        changes = world._schedule.slips(world.data.time) != world._schedule.slips(world.data.time - world.dt)
+        around = 3 if changes else max(around - 1, 0)
+        if around:
+            restored.set_state(world.get_state())
+    assert step.info["is_success"]
 
 
 @pytest.mark.parametrize(

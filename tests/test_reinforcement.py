@@ -250,6 +250,20 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
         training.train(name, ENV_ID, schedule, tmp_path / "t", seed=4, demonstrations=shown)
 
 
+def test_the_learning_rate_falls_at_the_end(training: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rates: list[float] = []
+
+    def seen(self: Any, agent: Any, state: Any) -> None:
+        optimizers = (agent.actor.optimizer, agent.critic.optimizer, agent.ent_coef_optimizer)
+        found = {group["lr"] for optimizer in optimizers for group in optimizer.param_groups}
+        rates.extend(found)
+
+    monkeypatch.setattr(training.TrainingFolder, "write", seen)
+    training.train("sac", ENV_ID, training.Schedule(160, checkpoint_every=16, evaluate_every=0), tmp_path / "t")
+    assert rates == pytest.approx([1e-3] * 8 + [2e-3 / 3, 1e-3 / 3])
+    assert METHODS["ppo"].learning_rate(1.0) == METHODS["ppo"].learning_rate(0.0)
+
+
 @pytest.mark.parametrize("name", ["sac", "ppo"])
 def test_a_skill_does_what_its_agent_does(name: str, training: Any, tmp_path: Path) -> None:
     """The exported network, through its file, in the native environment, acts as the agent in the RL view."""

@@ -32,6 +32,8 @@ def test_a_video_that_breaks_off_leaves_nothing(tmp_path) -> None:
 
     with pytest.raises(ValueError, match="broke"):
         rendering.write_video(tmp_path / "video.mp4", broken())
+    with pytest.raises(RenderingUnavailableError, match="wrote nothing"):
+        rendering.write_video(tmp_path / "video.mp4", pictures(0))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,6 +1,7 @@
 """The sequence graph skill in a world without physics: it learns, generalises, remembers and refuses."""
 
 import dataclasses
+import json
 import pickle
 
 import numpy as np
@@ -12,6 +13,7 @@ from policies import LEARNERS, load_skill
 from policies.sequence_graph import global_graph
 from policies.sequence_graph_learner import SequenceGraphLearner
 from policies.sequence_graph_skill import Memory
+from policies.skill import SCHEMA
 
 
 @pytest.fixture(scope="module")
@@ -161,10 +163,40 @@ def test_damaged_and_foreign_files_are_refused(skill, tmp_path):
     (tmp_path / "text").write_text("not a skill")
     np.savez(tmp_path / "other.npz", header=np.array('{"schema": "other"}'))
     np.savez(tmp_path / "pickled.npz", header=np.array([{}], dtype=object))
-    for name in ("cut", "text", "other.npz", "pickled.npz"):
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    np.savez(tmp_path / "kinds.npz", header=np.array(json.dumps({"schema": SCHEMA, "kind": ["moa"]})))
+    for name in ("cut", "text", "other.npz", "pickled.npz", "array.npy", "kinds.npz"):
         with pytest.raises(SkillFileError) as error:
             load_skill(tmp_path / name)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("node1_feature_primitives", 50), ("node1_feature_columns", 10**8), ("node1_targets", -3), ("position_frame", 9),
+        ("goal", None), ("modes", None), ("node1_gains", None), ("node1_decision_support", None),
+    ],
+)  # fmt: skip
+def test_files_whose_parts_do_not_fit_are_refused(skill, tmp_path, name, value):
+    skill.save(tmp_path / "skill.npz")
+    with np.load(tmp_path / "skill.npz") as file:
+        arrays = {key: file[key] for key in file.files}
+    arrays[name] = arrays[name][..., :-1] if value is None else np.full_like(arrays[name], value)
+    np.savez(tmp_path / "changed.npz", **arrays)
+    with pytest.raises(SkillFileError, match="damaged"):
+        load_skill(tmp_path / "changed.npz")
+
+
+def test_parameters_may_be_numpys(taught, tmp_path):
+    SequenceGraphLearner(C=np.arange(3)[2]).fit(taught).skill_.save(tmp_path / "skill.npz")
+    assert load_skill(tmp_path / "skill.npz").metadata["parameters"]["C"] == 2
+
+
+def test_nothing_is_waited_for_before_the_first_primitive(taught):
+    skill = SequenceGraphLearner(graph="fully-connected").fit(taught).skill_
+    assert not skill.nodes[0].dwell.any()
+    assert any(node.dwell.any() for node in skill.nodes)
 
 
 def test_demonstrations_that_cannot_be_learned_from_are_refused_in_one_line(taught):

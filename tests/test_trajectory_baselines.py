@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from writing_world import DT, HOME, board_pose, demonstrate, draw
 
+from lfd_gym.errors import DemonstrationError
 from lfd_gym.experiments import writing
 from lfd_gym.registry import load
 from policies import LEARNERS, load_skill
@@ -112,6 +113,11 @@ def test_every_baseline_is_a_skill_with_a_file(method, tmp_path):
     ends = [draw(one, pose, 2.0)[1].position for one in (skill, load_skill(tmp_path / "skill.npz"))]
     assert np.array_equal(*ends)
     assert np.linalg.norm(ends[0] - HOME) > 0.05
+
+
+def test_too_few_steps_for_the_gaussians_are_named():
+    with pytest.raises(DemonstrationError, match="too few for 9000 Gaussians; set n_components"):
+        load(LEARNERS["tp-gmm"])(n_components=9000).fit([demonstrate(seed) for seed in range(2)])
 
 
 def test_replay_is_one_of_the_demonstrations():

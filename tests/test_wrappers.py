@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from lfd_gym.errors import InvalidActionError, InvalidArgumentError
 from lfd_gym.registry import ENVIRONMENTS, dense_id, look_up, make
 from lfd_gym.rollout import TeacherPolicy, rollout
-from lfd_gym.view import View
+from lfd_gym.view import View, environment_class
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from scripted_teachers import TEACHERS
 
@@ -47,6 +47,15 @@ def test_a_decision_lasts_a_tenth_of_a_second_whatever_the_control_rate() -> Non
         before = env.unwrapped.data.time
         env.step(np.zeros(env.action_space.shape))
         assert env.unwrapped.data.time - before == pytest.approx(0.1)
+
+
+def test_views_without_a_seed_differ_and_wait_for_a_reset() -> None:
+    env = view("move-object")
+    with pytest.raises(gymnasium.error.ResetNeeded, match="RL view"):
+        env.step(np.zeros(env.action_space.shape))
+    assert not np.array_equal(env.reset()[0], view("move-object").reset()[0])
+    with pytest.raises(InvalidArgumentError, match=r"gymnasium\.make"):
+        RLView(environment_class("lfd_gym/MoveObject-v0")(terminate_on_success=False))
 
 
 def test_view_refuses_an_environment_that_ends_on_success_and_bad_actions() -> None:

@@ -33,7 +33,7 @@ class LightBulbEnv(ManipulationEnv):
     | start | holder and box anywhere in 25 x 60 cm, any yaw, at least 20 cm apart |
     | varies, hidden | turns until the bulb is loose 1-2, friction torque of the thread 0.06-0.12 N m |
     | success | the bulb lies at rest in the box, nothing of the robot touches it, the tool is 15 cm away from it |
-    | subtasks | `grasped` (two fingers touch the bulb), `loose`, `lifted`, `in_box` |
+    | subtasks | `grasped` (the robot touches the bulb in two places), `loose`, `lifted`, `in_box` |
     | dense reward | reach 0.15, turn 0.35, lift 0.1, carry 0.2, in the box and withdraw 0.2 |
     | time limit | 90 s |
 

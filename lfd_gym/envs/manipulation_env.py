@@ -59,6 +59,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         width, height: of rendered frames [px].
         camera: name of a camera of the scene.
 
+    A copied or pickled environment is a new one with the same arguments; `get_state` and `set_state` carry over the rest.
+
     Raises:
         InvalidArgumentError: an argument lies outside what is possible.
     """
@@ -80,7 +82,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     """How far the task got, reported as `subtask/<name>`."""
     layout: ClassVar[ActionLayout]
     time_limit: ClassVar[float]
-    """Length of an episode [s]; the step limit that Gymnasium shows is that of 50 decisions per second."""
+    """Length of an episode [s]."""
     stiffness: ClassVar[float] = 900.0
     """Of the PID that tracks the reference [1/s^2]."""
     watch: Callable[[], None] | None = None
@@ -117,6 +119,11 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
             raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: rgb_array, human")
         if not 0.0 < fingertip_friction <= wam.MAX_FINGERTIP_FRICTION:
             raise InvalidArgumentError(f"fingertip_friction {fingertip_friction}; possible: above 0, up to 1.2")
+        if not isinstance(terminate_on_success, bool | np.bool_):
+            raise InvalidArgumentError(f"terminate_on_success {terminate_on_success!r}; possible: true, false")
+        for name, size in (("width", width), ("height", height)):
+            if not isinstance(size, int | np.integer) or size < 1:
+                raise InvalidArgumentError(f"{name} {size!r}; it must be a whole number of pixels, 1 or more")
         self.reward_type, self.terminate_on_success = reward_type, terminate_on_success
         self.render_mode, self._size, self._camera = render_mode, (height, width), camera
         self.action_layout = self.layout
@@ -222,6 +229,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
             mujoco.mj_setConst(self.model, self.data)
             mujoco.mj_resetData(self.model, self.data)
         self.place(self._setup)
+        if self._schedule.acts:
+            self._perturb(-self.dt)
         self.robot.reset()
         self._held = 0.0
         self.after_physics()
@@ -232,7 +241,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         """Command a goal for one control step. Raises InvalidActionError for NaN and wrong shapes."""
         self.robot.command(action)
         if self._schedule.acts:
-            self._perturb()
+            self._perturb(self.data.time)
         model, data, tick, watch = self.model, self.data, self.robot.tick, self.watch
         for _ in range(self._n_substeps):
             tick()
@@ -334,7 +343,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         mujoco.mj_setState(self.model, self.data, physics, _STATE)
         self._schedule.state[:] = schedule
         if self._schedule.acts:
-            self._perturb()
+            self._perturb(self.data.time - self.dt)
         mujoco.mj_step1(self.model, self.data)
         self.data.sensordata[:] = sensors
         self.robot.set_state(robot)
@@ -404,13 +413,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
             self._schedule.sense(flat[self._tracked], flat[self._slices["wrench"]], self.np_random)
         observation = {key: flat[where] for key, where in self._slices.items()}
         self.derive(observation)
+        if self._broken:
+            np.nan_to_num(flat, copy=False)
         np.maximum(flat, self._low, out=flat)
         np.minimum(flat, self._high, out=flat)
         return observation
 
-    def _perturb(self) -> None:
-        """Push the arm and an object, make the fingertips slippery, as scheduled."""
-        schedule, time = self._schedule, self.data.time
+    def _perturb(self, time: float) -> None:
+        """Push the arm and an object, make the fingertips slippery, as scheduled for a control step that begins then [s]."""
+        schedule = self._schedule
         arm, thing = schedule.pushes(time)
         self.robot.push(arm)
         if self._pushed:
@@ -420,7 +431,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.model.geom_priority[self._tips] = 2 if slips else 0
 
     def _reward(self, success: bool) -> float:
-        return 1.0 if success else 0.95 * self.progress() if self.reward_type == "dense" else 0.0
+        if success or self.reward_type == "sparse" or self._broken:
+            return float(success)
+        return 0.95 * self.progress()
 
     def _info(self, holds: bool) -> dict[str, Any]:
         success = holds and self._held >= HOLD_TIME - 1e-9

@@ -104,7 +104,7 @@ def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> N
 
 def in_range(what: str, value: Any, low: float, high: float) -> None:
     """Raise InvalidSetupError where a number lies outside its range."""
-    if not isinstance(value, int | float) or not low - 1e-9 <= value <= high + 1e-9:
+    if not isinstance(value, int | float | np.number) or not low - 1e-9 <= value <= high + 1e-9:
         raise InvalidSetupError(f"{what} is {value!r}; possible: {low:.4g} to {high:.4g}")
 
 

@@ -54,7 +54,8 @@ class WhiteboardEnv(ManipulationEnv):
     A tip that presses on a board with at least 0.5 N leaves ink, wanted or not, at every physics step. Letters are 6 cm high
     (`lfd_gym.alphabet`), smaller in words of more than four letters. The tool point is the centre of the pen's round tip, 4 mm
     off the board while it writes. Workspace: x 0.40-0.80, y -0.47-0.47, z 0.0-0.40 m; tilt 0.3 rad, yaw 0.6 rad;
-    alpha 40, beta 10 1/s. Arguments other than `words`: see `ManipulationEnv`.
+    alpha 40, beta 10 1/s. Arguments other than `words`: see `ManipulationEnv`; there are no fingertips to be slippery and no
+    object to be pushed.
 
     Args:
         words: one word for each board, 1 to 6 capital letters each.

@@ -36,10 +36,10 @@ SHOWN = 3
 SHOWN_TO: Mapping[str, Mapping[str, int]] = {"decomposition": {"lfd_gym/LightBulb-v0": 9}}
 """Demonstrations of a method that needs more than `TEACHING` says: without labels, turns of a bulb are told apart by many."""
 DECISIONS: Mapping[str, Mapping[str, int]] = {
-    "lfd_gym/MoveObject-v0": {"sac": 300_000, "ppo": 3_000_000},
+    "lfd_gym/MoveObject-v0": {"sac-demos": 750_000, "sac": 300_000, "ppo": 3_000_000},
     "": {"sac": 100_000, "ppo": 100_000},
 }
-"""Decisions that an algorithm trains for, in a task and else."""
+"""Decisions that a method, or else its algorithm, trains for in a task, and in the others."""
 QUICK_DECISIONS = 64
 BACKENDS = ("loky", "ray")
 """Of joblib; "ray" needs the package ray."""
@@ -99,7 +99,7 @@ class Comparison:
         shown, decisions = self.demonstrations or needed, 0
         if method in METHODS:
             own = DECISIONS.get(env_id, DECISIONS[""])
-            decisions = own[METHODS[method].algorithm] if self.decisions is None else self.decisions
+            decisions = own.get(method, own[METHODS[method].algorithm]) if self.decisions is None else self.decisions
         if method in UNTAUGHT or (method in METHODS and not METHODS[method].demonstrations):
             shown = 0
         return Job(env_id, method, seed, shown, decisions, self.episodes)
@@ -143,12 +143,13 @@ def _row(rows: Rows, job: Job) -> dict[str, Any] | None:
     """A finished row, None if it is not there; InvalidArgumentError if it was made for another comparison."""
     if not rows.exists(job.name):
         return None
-    row: dict[str, Any] = rows.kept(job.name, dict)
-    if row["job"] != _asked(rows, job):
+    row: Any = rows.kept(job.name, dict)
+    made_for = row.get("job") if isinstance(row, dict) else None
+    if made_for != _asked(rows, job):
         raise InvalidArgumentError(
-            f"the row '{job.name}' in '{rows.out}' was made for {row['job']}; choose another --out"
+            f"the row '{job.name}' in '{rows.out}' was made for {made_for}; choose another --out"
         )
-    return row
+    return dict(row)
 
 
 def _perform_all(rows: Rows, jobs: Sequence[Job], backend: str, processes: int) -> None:
@@ -214,7 +215,7 @@ def _perform(rows: Rows, job: Job) -> dict[str, Any]:
 
 def _train(rows: Rows, job: Job, decisions: int, shown: Sequence[Any]) -> tuple[Any, list[dict[str, Any]]]:
     training, folder = load("policies.reinforcement.training:train"), rows.folder / "training" / job.name
-    every, episodes = (decisions, 1) if rows.quick else (max(decisions // 10, 1), 20)
+    every, episodes = (decisions, 1) if rows.quick else (max(decisions // 5, 1), 20)
     schedule = load("policies.reinforcement.training:Schedule")(
         decisions, checkpoint_every=25_000, evaluate_every=every, evaluation_episodes=episodes
     )

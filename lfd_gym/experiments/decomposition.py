@@ -116,7 +116,7 @@ def _run(env_id: str, cases: Sequence[Taught], rows: Rows) -> str:
             kept.append(rows.observed(name, env_id, _skill(learner), attempt, 100))
             if not found:
                 found = markdown(tuple(primitives[0]), [[str(v) for v in row.values()] for row in primitives])
-                figure = (rows.out / "quick" if rows.quick else rows.out) / "decomposition.png"
+                figure = rows.folder / "decomposition.png"
                 if not figure.exists():
                     draw(_shown(env_id, case, seed)[0], learner().decomposition_, figure)
         table.append(_summary(case, kept))

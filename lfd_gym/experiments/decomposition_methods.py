@@ -44,7 +44,7 @@ def run(out: Path, quick: bool, jobs: int, seeds: int = 5) -> str:
     for panel, measure in zip(axes, MEASURES, strict=True):
         _draw(panel, results, measure)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS), frameon=False)
-    save(figure, out / "decomposition-methods.png")
+    save(figure, rows.folder / "decomposition-methods.png")
     header = [
         "task",
         "teaching",

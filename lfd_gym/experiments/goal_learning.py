@@ -79,7 +79,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
 
         row = rows.kept(name.replace(",", "").replace(" ", "-"), result)
         errors[name] = {estimator: 1000.0 * np.array([e[estimator] for e in row]) for estimator in ESTIMATORS}
-    _draw(errors, out / "goal-learning.png")
+    _draw(errors, rows.folder / "goal-learning.png")
     return _table(errors)
 
 

@@ -36,7 +36,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     }
     total = len(episodes["SVM", 1])
     columns = [(kind, score) for score in SCORES for kind in KINDS]
-    _draw(out / "grasping.png", list(counts), reached, total)
+    _draw(rows.folder / "grasping.png", list(counts), reached, total)
     table = [[str(n), *(rate(reached[kind, score, n], total) for kind, score in columns)] for n in counts]
     return markdown(["demonstrations", *(f"{kind}, {score}, %" for kind, score in columns)], table)
 

@@ -41,7 +41,7 @@ def run(out: Path, quick: bool, jobs: int, data: str | None = None, alphabet: st
         for letter, drawn in track(letters.items(), len(letters), "letters")
     ]
     most = sorted(letters, key=lambda letter: -len(letters[letter]))[:DRAWN_LETTERS]
-    _draw(out / "omniglot.png", {letter: letters[letter] for letter in most})
+    _draw(rows.folder / "omniglot.png", {letter: letters[letter] for letter in most})
     count = f"{len(letters)} characters, {sum(map(len, letters.values()))} drawings in one stroke"
     source = f"Our own alphabet (for the data set: {HOW_TO_GET}, then --set data=FILE)" if data is None else alphabet
     return (

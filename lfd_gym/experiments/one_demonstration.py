@@ -36,7 +36,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
         panel.set_ylabel("setups [%]")
         panel.set_ylim(0.0, 130.0)
     axes[-1].legend(fontsize=8, ncols=len(TEACHING_SEEDS), loc="upper center")
-    save(figure, out / "one-demonstration.png")
+    save(figure, rows.folder / "one-demonstration.png")
     return markdown(["task", "teaching seed", "success %", "failed before"], table)
 
 

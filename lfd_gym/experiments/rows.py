@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import joblib
 
+from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.evaluation import evaluate, wilson_interval
 from lfd_gym.paths import written_whole
 from lfd_gym.progress import track
@@ -33,10 +34,15 @@ class Rows:
     """Processes."""
 
     def kept(self, name: str, result: Callable[[], Any]) -> Any:
-        """The JSON value of a row, from `result()` if it is not there yet."""
+        """The JSON value of a row, from `result()` if it is not there yet. Raises InvalidArgumentError for a damaged one."""
         if not self.exists(name):
             self.write(name, result())
-        return json.loads(self._path(name).read_text())
+        try:
+            return json.loads(self._path(name).read_text())
+        except ValueError as error:
+            raise InvalidArgumentError(
+                f"the row '{self._path(name)}' is damaged; remove it to make it again"
+            ) from error
 
     @property
     def folder(self) -> Path:

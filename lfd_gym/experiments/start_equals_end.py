@@ -34,7 +34,7 @@ def run(out: Path, quick: bool, jobs: int, data: str | None = None, alphabet: st
         letter: rows.kept(f"{source}-{letter}", lambda drawn=drawn: sizes(drawn))  # type: ignore[misc]
         for letter, drawn in letters.items()
     }
-    _draw(out / "start-equals-end.png", dict(list(letters.items())[:DRAWN]))
+    _draw(rows.folder / "start-equals-end.png", dict(list(letters.items())[:DRAWN]))
     table = []
     for name in NAMES:
         values = np.array([row[name] for row in found.values()])

@@ -34,7 +34,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     for stage in (True, False):
         name = "second-stage" if stage else "first-stage"
         found[name] = rows.kept(name, lambda stage=stage: _subsets(stage, 2 if quick else None))  # type: ignore[misc]
-    _draw(out / "subsets.png", found)
+    _draw(rows.folder / "subsets.png", found)
     table = []
     for name, subsets in found.items():
         for size in sorted({len(row["subset"]) for row in subsets}):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lfd_gym.experiments.figures import panels, save
-from lfd_gym.experiments.rows import markdown
+from lfd_gym.experiments.rows import Rows, markdown
 from policies.moa.frames import Frames
 from policies.moa.mixture_of_attractors import MixtureOfAttractors
 from policies.sequence_graph_drawing import COLOURS
@@ -35,7 +35,7 @@ def _reach(start: np.ndarray, end: np.ndarray, n: int) -> np.ndarray:
 
 def run(out: Path, quick: bool, jobs: int) -> str:
     """Fit, and compare activations with precisions."""
-    del quick, jobs
+    del jobs
     scenes = [scene(0.3, (0.5, 0.2)), scene(-0.8, (0.45, -0.2))]
     model = MixtureOfAttractors(N_SUPPORT, dt=DT, aligned=True)
     model.fit([points for points, _ in scenes], [frames for _, frames in scenes])
@@ -55,7 +55,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
         right.plot(time, share[:, f], ":", color=COLOURS[f], label=f"share of precision, frame {f + 1}")
     right.set_xlabel("time [s]")
     right.legend(fontsize=7)
-    save(figure, out / "toy.png")
+    save(figure, Rows(out, quick).folder / "toy.png")
     error = 1000.0 * np.sqrt(np.mean([(r**2).sum(axis=1).mean() for r in model.residuals_]))
     both = np.hstack([model.frame_activations_, share])
     table = [[name, *(f"{value:.2f}" for value in both[at].mean(axis=0))] for name, at in PHASES.items()]

@@ -41,7 +41,7 @@ def compare(rows: Rows, name: str, kinds: Mapping[str, Mapping[str, Any]], order
     )
     found = {kind: judged(of, pairs) for kind, of in skills.items()}
     summaries = {kind: [summary(of.of_size(n)) for n in SIZES] for kind, of in found.items()}
-    _draw(rows.out / f"{name}.png", summaries)
+    _draw(rows.folder / f"{name}.png", summaries)
     return "\n\n".join(
         [
             "Success of a transition, and of the whole task without help, in percent, with 95 % intervals (bootstrap over "

@@ -64,7 +64,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
         settings = {"second_stage": second_stage}
         written = [_written(rows, "moa", seed, 1, EPISODES_OF_ONE, **settings) for seed in seeds]
         table.append([f"moa, {name}", "1", *_cells(written), _sparsity(rows, "moa", seeds, 1, **settings)])
-    _draw(out / "writing.png", pictures)
+    _draw(rows.folder / "writing.png", pictures)
     header = ["method", "demonstrations", "success %", "of each teaching seed", "coverage %", "precision %"]
     return markdown([*header, "ink to stroke [mm]", "J_sparsity"], table)
 

@@ -57,7 +57,7 @@ def truncated_normal(z: ArrayLike) -> Truncated:
 
     Far below 0 from the asymptotic series, E = 1/|z| - 2/|z|^3 + 10/|z|^5 - ...; far above nothing is cut off.
     """
-    z = np.asarray(z, dtype=np.float64)
+    shape, z = np.shape(z), np.atleast_1d(np.asarray(z, dtype=np.float64))
     near = np.clip(z, -ASYMPTOTIC, ASYMPTOTIC)
     scaled = erfcx(near * -np.sqrt(0.5))
     square = near * near
@@ -71,7 +71,7 @@ def truncated_normal(z: ArrayLike) -> Truncated:
         first[far], second[far] = u * (1.0 - rest), rest
         tail = np.log1p(-(u**2) * (1.0 - u**2 * (3.0 - u**2 * (15.0 - 105.0 * u**2))))
         log_mass[far] = np.log(u) - 0.5 / u**2 - 0.5 * np.log(2.0 * np.pi) + tail
-    return Truncated(log_mass, first, second)
+    return Truncated(*(part.reshape(shape) for part in (log_mass, first, second)))
 
 
 def e_step(x: Array, v: Array, covariance: Array) -> Expected:

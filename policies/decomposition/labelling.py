@@ -148,7 +148,9 @@ def _distance(x: Array, goal: Array, space: TaskSpace, axes: Sequence[str]) -> f
     if space.space == "rotation":
         return float(np.arccos(np.clip(0.5 * (x @ goal - 1.0), -1.0, 1.0)))
     if space.space == "cylindrical":
-        x = np.array([np.hypot(x[0], x[1]), space.radius * np.arctan2(x[1], x[0]), x[2]])
+        turn = space.radius * np.arctan2(x[1], x[0]) - goal[1]
+        turn -= 2.0 * np.pi * space.radius * np.round(turn / (2.0 * np.pi * space.radius))
+        x = np.array([np.hypot(x[0], x[1]), goal[1] + turn, x[2]])
     return float(np.linalg.norm((x - goal) * (np.array(axes) == "position")))
 
 

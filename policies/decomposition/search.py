@@ -87,7 +87,7 @@ def refined(objective: Objective, candidate: Assignment) -> Assignment:
             if len(proposal.primitive) and (new := objective(proposal)) > value + GAIN:
                 candidate, value = proposal, new
                 break
-        if value <= start + GAIN:
+        if not value > start + GAIN:
             return candidate
 
 
@@ -102,7 +102,7 @@ def ascend(objective: Objective, candidate: Assignment) -> Assignment:
             if (new := objective(proposal)) > value + GAIN:
                 candidate, value = proposal, new
                 break
-        if value <= start + GAIN:
+        if not value > start + GAIN:
             return candidate
 
 

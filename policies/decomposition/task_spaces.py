@@ -50,7 +50,7 @@ class View(NamedTuple):
     """One segment in one task space."""
 
     samples: Array
-    """(N, d) x, from the segment's first sample to its last."""
+    """(N, d) x, from the segment's first sample to its last; all angles end within one turn, see `widest_gap`."""
     velocities: Array
     """(N, d) or, of an orientation, (N, 3)."""
     force: Array
@@ -109,17 +109,24 @@ def entity_segments(
         spaces = spaces[:1]
     if entity == "position":
         spaces += [TaskSpace(frame, "cylindrical") for frame in tracked]
-    rows = []
+    rows, dt = [], float(demonstrations[0].dt)
     for i, space in enumerate(spaces):
-        whole = [coordinates(demonstration, entity, space) for demonstration in demonstrations]
+        whole, seam = [coordinates(demonstration, entity, space) for demonstration in demonstrations], 0.0
         if space.space == "cylindrical":
-            radii = [np.hypot(*whole[part.demonstration][0][part.stop, :2]) for part in parts]
-            spaces[i] = space._replace(radius=max(float(np.median(radii)), SMALLEST_RADIUS))
+            ends = np.array([whole[part.demonstration][0][part.stop] for part in parts])
+            spaces[i] = space._replace(radius=max(float(np.median(np.hypot(*ends[:, :2].T))), SMALLEST_RADIUS))
+            seam = widest_gap(np.arctan2(ends[:, 1], ends[:, 0]))
             whole = [_cylindrical(x, force, spaces[i].radius) for x, force in whole]
-        dt = float(demonstrations[0].dt)
-        rows.append([_view(*whole[part.demonstration], part, spaces[i], dt) for part in parts])
-    views = tuple(zip(*rows, strict=True))
-    return EntitySegments(entity, tuple(parts), tuple(spaces), views, float(demonstrations[0].dt))
+        rows.append([_view(*whole[part.demonstration], part, spaces[i], seam, dt) for part in parts])
+    return EntitySegments(entity, tuple(parts), tuple(spaces), tuple(zip(*rows, strict=True)), dt)
+
+
+def widest_gap(angles: Array) -> float:
+    """The middle of the widest arc without angles (N,), in (-2 pi, 0]: angles counted from there do not part neighbours."""
+    there = np.sort(angles % (2.0 * np.pi))
+    gaps = np.diff(there, append=there[:1] + 2.0 * np.pi)
+    widest = int(np.argmax(gaps))
+    return float((there[widest] + 0.5 * gaps[widest]) % (2.0 * np.pi) - 2.0 * np.pi)
 
 
 def pressing(force: Array) -> Array:
@@ -156,11 +163,11 @@ def _cylindrical(x: Array, force: Array, radius: float) -> tuple[Array, Array]:
     return np.stack([np.hypot(x[:, 0], x[:, 1]), radius * angle, x[:, 2]], axis=1), along
 
 
-def _view(x: Array, force: Array, part: Segment, space: TaskSpace, dt: float) -> View:
+def _view(x: Array, force: Array, part: Segment, space: TaskSpace, seam: float, dt: float) -> View:
     at = slice(part.start, part.stop + 1)
     samples, pressed, log_jacobian = x[at].copy(), force[at], 0.0
     if space.space == "cylindrical":
-        turns = np.round(samples[-1, 1] / (2.0 * np.pi * space.radius))
+        turns = np.floor((samples[-1, 1] / space.radius - seam) / (2.0 * np.pi))
         samples[:, 1] -= turns * 2.0 * np.pi * space.radius
         log_jacobian = float(np.log(space.radius / max(samples[-1, 0], 1e-3)))
     if space.space == "rotation":

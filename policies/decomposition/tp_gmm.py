@@ -66,7 +66,7 @@ def _entity(demonstrations: Sequence[Demonstration], entity: str, seed: int) -> 
 
 def _fit(rows: Array, floor: float, seed: int) -> GaussianMixture:
     best, least, worse, k = None, np.inf, 0, 0
-    while worse < PATIENCE and k < MOST:
+    while worse < PATIENCE and k < min(MOST, len(rows)):
         k += 1
         model = GaussianMixture(k, covariance_type="diag", reg_covar=floor, n_init=RESTARTS, random_state=seed)
         with warnings.catch_warnings():

@@ -71,6 +71,8 @@ def solve(
             state = method.advance(state, gradient)
         except np.linalg.LinAlgError:
             break
+        if not np.isfinite(join(state.alpha, state.rho)).all():
+            break
     warnings.warn(f"relative gap {gap.relative:.1e} after {iteration + 1} iterations", ConvergenceWarning, stacklevel=2)
     return Solution(z, cost, problem.error(z), gap.absolute, gap.relative, iteration + 1, False)
 

@@ -80,8 +80,8 @@ class Setting(NamedTuple):
     ) -> Self:
         """Demonstrations brought to one time by their warps; attractors are given, or the margin of bounding boxes."""
         pairs = [warped(x, frame, index) for x, frame, index in zip(points, frames, warps, strict=True)]
-        if isinstance(attractors, float):
-            attractors = BoxAttractors.around(np.concatenate([frame.local(x) for x, frame in pairs]), attractors)
+        if not isinstance(attractors, BoxAttractors):
+            attractors = BoxAttractors.around(np.concatenate([frame.local(x) for x, frame in pairs]), float(attractors))
         return cls([x for x, _ in pairs], [frame for _, frame in pairs], attractors, weights, response, list(warps))
 
 

@@ -34,6 +34,11 @@ class AgentSkill(Skill):
         self.network, self.view, self.executed = network, view, executed
         self._shape = (len(network.biases[-1]) // len(view.controls), len(view.controls))
 
+    @property
+    def dt(self) -> float:
+        """Control step that it was taught for [s]."""
+        return self.view.dt
+
     def start(self, n: int) -> State:
         """No plan before the first observation."""
         return Memory(np.zeros((n, *self._shape)), np.full(n, -1))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from lfd_gym.demonstration import Demonstration
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from policies.learner import Learner
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, view_of
@@ -43,6 +43,7 @@ class BehaviourCloning(Learner):
     """
 
     needs = ("tool_position", "tool_quaternion", "reference_position", "reference_quaternion", "wrench")
+    reads = ("",)
     needs_labels = False
     reads_actions = True
 
@@ -78,6 +79,8 @@ class BehaviourCloning(Learner):
             (flat_observations(d, view)[:-1][rows], decisions(d, view)[rows])
             for d, rows in zip(demonstrations, kept, strict=True)
         ]
+        if not any(rows.any() for rows in kept):
+            raise DemonstrationError("nothing moves in the demonstrations; skips_pauses=False learns to stay")
         inputs = np.concatenate([seen for seen, _ in examples]).astype(np.float64)
         targets = np.concatenate([_chunks(shown, self.chunk, view.repeats) for _, shown in examples])
         mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), SMALLEST_SCALE)

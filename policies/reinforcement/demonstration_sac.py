@@ -10,6 +10,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.common.policies import BaseModel
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.utils import update_learning_rate
 from stable_baselines3.sac.policies import SACPolicy
 from torch import Tensor, nn
 
@@ -127,6 +128,9 @@ class DemonstrationSAC(SAC):
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Updates of critics, actor, temperature and target critics."""
         self.policy.set_training_mode(True)
+        temperature: Any = self.ent_coef_optimizer
+        for optimizer in (self.actor.optimizer, self.critic.optimizer, temperature):
+            update_learning_rate(optimizer, self.lr_schedule(self._current_progress_remaining))
         for _ in range(gradient_steps):
             self._update(batch_size)
             self._n_updates += 1

@@ -52,6 +52,11 @@ class ResidualSkill(Skill):
         super().__init__(**facts)
         self.base, self.network, self.view = base, network, view
 
+    @property
+    def dt(self) -> float:
+        """Control step that it was taught for [s]."""
+        return self.view.dt
+
     def start(self, n: int) -> State:
         """No residual before the first observation, then the state of the frozen skill."""
         return (np.zeros((n, len(self.view.controls))), np.full(n, -1), *self.base.start(n))

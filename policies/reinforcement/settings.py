@@ -40,10 +40,17 @@ class TrainingSettings:
     """Factor of the reward's growth, see `Growth`."""
     n_envs: int = 1
     """Environments that are stepped together."""
+    annealing: float = 0.0
+    """Last share of the training in which the learning rate falls, linearly to zero."""
     rollout: int = 8
     """Decisions between two rounds of updates, of all environments together."""
     hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     """Further arguments of the algorithm."""
+
+    def learning_rate(self, done: float) -> float:
+        """After this share of the training's decisions."""
+        rate = float(self.hyperparameters["learning_rate"])
+        return rate * min(1.0, (1.0 - done) / self.annealing) if self.annealing else rate
 
 
 SAC: Mapping[str, Any] = {
@@ -64,7 +71,7 @@ PPO: Mapping[str, Any] = {
     "clip_range": 0.2,
 }
 _OFF_POLICY = TrainingSettings(
-    "sac", discount=0.97, n_steps=5, reward_scale=10.0, episode=100,
+    "sac", discount=0.97, n_steps=5, reward_scale=10.0, episode=100, annealing=0.3,
     hyperparameters={**SAC, "learning_rate": 1e-3, "batch_size": 128, "ent_coef": "auto_0.01", "gradient_steps": 8},
 )  # fmt: skip
 _SHOWN = replace(

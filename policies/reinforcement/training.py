@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit, TransformReward
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from lfd_gym.demonstration import Demonstration, check_same_environment
@@ -45,7 +45,10 @@ CHUNK = 1000
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long a training lasts and what happens meanwhile; nothing of it changes what is learned."""
+    """How long a training lasts and what happens meanwhile.
+
+    Nothing of it changes what is learned, but that a learning rate that is annealed falls towards the last decision.
+    """
 
     decisions: int
     """In all; rounded up to whole rollouts."""
@@ -179,6 +182,7 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
     marks = [] if ended else _marks(state["decisions"], last, settings.rollout, schedule)
     for n in track(marks, len(marks), "training", schedule.progress):
         before, since = int(agent.num_timesteps), time.monotonic()
+        agent.lr_schedule = ConstantSchedule(settings.learning_rate(before / last))
         agent.learn(n - before, reset_num_timesteps=False)
         state = {
             "decisions": int(agent.num_timesteps),

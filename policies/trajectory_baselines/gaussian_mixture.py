@@ -9,6 +9,7 @@ from scipy.special import log_softmax
 from sklearn.mixture import GaussianMixture
 
 from lfd_gym.action import ActionLayout
+from lfd_gym.errors import DemonstrationError
 from policies.moa.frames import Frames, resample
 from policies.moa_learner import TrajectoryLearner
 
@@ -62,6 +63,8 @@ def fit_mixture(
     of the time. Points are scaled by their spread, time runs from 0 to 1."""
     chosen = local[:, :, frames]
     m, n, f, d = chosen.shape
+    if n < n_components:
+        raise DemonstrationError(f"{n} aligned steps are too few for {n_components} Gaussians; set n_components")
     time = np.linspace(0.0, 1.0, n)
     scale = float(chosen.std(axis=(0, 1)).mean())
     rows = np.concatenate([np.tile(time, m)[:, None], chosen.reshape(m * n, f * d) / scale], axis=1)
