@@ -94,4 +94,4 @@ def test_the_experiment_makes_its_table_and_figure(tmp_path: Path, monkeypatch: 
     table = decomposition_methods.run(tmp_path, quick=True, jobs=1)
     assert table.count("light-bulb") == len(fast)
     assert len(list((tmp_path / "quick").glob("*-10.json"))) == len(fast)
-    assert (tmp_path / "decomposition-methods.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "quick" / "decomposition-methods.png").read_bytes().startswith(b"\x89PNG")
