@@ -13,7 +13,7 @@ from policies.features import WORLD
 from policies.moa.frames import Frames
 from policies.orientation_schedule import OrientationSchedule
 from policies.path_generators import Generator
-from policies.press_schedule import PressSchedule
+from policies.press_schedule import YIELDS, PressSchedule
 from policies.skill import Observation, Skill, State
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ class MoASkill(Skill):
     The goal of step i makes the controller's attractor follow the path x exactly, g_i = x_i + (x_i'' / alpha + x_i') / beta.
     Its clock stops while the tool shall press and does not feel the contact, or lags behind by more than `LAG`: who
     demonstrated pressed all along the contact, and was where the path is. After `PATIENCE` it goes on, whatever is missing,
-    until nothing is.
+    until nothing is, and patience comes back as it went. A press ends where the tool has moved along it: there is no wall.
     """
 
     kind: ClassVar[str] = "moa"
@@ -90,6 +90,8 @@ class MoASkill(Skill):
         i = int(memory.step)
         pressed = int(self.press.frame[i])
         force = quaternion.rotate(memory.frames[pressed, 3:], self.press.force[i])
+        if _yields(observation["tool_position"] - memory.path[i], force):
+            force = np.zeros(3)
         lags = self._lags(observation, memory.path[i], force)
         waits = lags and memory.waited < PATIENCE
         turned = memory.frames[self.orientation.frame[i], 3:]
@@ -100,7 +102,8 @@ class MoASkill(Skill):
         if waits:
             return action, memory._replace(waited=memory.waited + self.dt)
         following = min(i + 1, len(memory.path) - 1)
-        return action, memory._replace(step=np.array(following), waited=memory.waited if lags else np.array(0.0))
+        waited = memory.waited if lags else np.maximum(memory.waited - self.dt, 0.0)
+        return action, memory._replace(step=np.array(following), waited=waited)
 
     def _begin(self, observation: Observation) -> Memory:
         poses = np.array([WORLD, *(observation[f"frame_{name}"] for name in self.frames)])
@@ -147,3 +150,8 @@ class MoASkill(Skill):
         press, orientation = part(PressSchedule, "press"), part(OrientationSchedule, "orientation")
         layout = ActionLayout.from_dict(header["layout"])
         return cls(generator, header["frames"], press, orientation, arrays["hand"], layout, header["dt"], **facts)
+
+
+def _yields(error: Array, force: Array) -> bool:
+    """Whether the tool is so far along a force (3,) [N] from its place, (3,) [m], that nothing can bear it."""
+    return bool(error @ force > YIELDS * np.linalg.norm(force))

@@ -15,6 +15,9 @@ WINDOW = 0.5
 SWITCH = 0.1
 """Cost of changing frames: a spread of about 18 degrees for one second [s]."""
 
+DECIMALS = 9
+"""Of a spread: what differs less is rounding."""
+
 
 class OrientationSchedule(NamedTuple):
     """Per time step the orientation of the tool."""
@@ -38,7 +41,7 @@ def learn_orientations(quaternions: Sequence[Array], axes: Sequence[Array], dt: 
     sign[..., 2] = np.linalg.det(u @ vt)
     mean = (u * sign[..., None, :]) @ vt
     spread = uniform_filter1d(3.0 - (s * sign).sum(axis=2), max(round(WINDOW / dt), 1), axis=0)
-    frame = cheapest_sequence(spread * dt, SWITCH)
+    frame = cheapest_sequence(np.round(spread, DECIMALS) * dt, SWITCH)
     chosen = mean[np.arange(len(frame)), frame]
     return OrientationSchedule(Rotation.from_matrix(chosen).as_quat(canonical=True, scalar_first=True), frame)
 

@@ -13,6 +13,8 @@ CONTACT_FORCE = 0.5
 """A stronger wrench is a contact [N]; a tool at rest in free space measures below 0.2 N."""
 SHORTEST = 0.06
 """Contacts and gaps between them that are shorter count as chatter [s]."""
+PRESS = 0.3
+"""A shorter contact is no press: fingers that close give the tool a push [s]."""
 YIELDS = 0.01
 """What moves further than this along the force [m] within one contact is no wall: it is carried, or pushed."""
 MOVES = 0.01
@@ -57,6 +59,8 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
     points = np.array(local)
     edges = np.flatnonzero(np.diff(np.pad(touched.astype(np.int64), 1)))
     for start, stop in edges.reshape(-1, 2):
+        if (stop - start) * dt < PRESS:
+            continue
         at = slice(start, stop)
         f = int(np.argmin(_spread(points[:, at]).mean(axis=0)))
         exerted = np.array([-wrench[at, :3] @ a[f] for wrench, a in zip(wrenches, axes, strict=True)])

@@ -1,5 +1,6 @@
-"""BoxFlipping: the box turns because it is pressed, and lies where the setup says."""
+"""BoxFlipping: the box turns because it is pressed, lies where the setup says, and counts as flipped when it is left."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -92,3 +93,39 @@ def test_impossible_setups_say_what_is_possible(env, setup, what):
 def test_impossible_press():
     with pytest.raises(InvalidArgumentError, match="up to 15"):
         BoxFlippingTeacher(press=30.0)
+
+
+def succeeds(env, turned=90.0, leaning=0.0, up=0.0, twist=(0,) * 6, tool=(0.0, 0.0, 0.25)):
+    """With the box at the obstacle so far turned [degrees] and moving, and the tool so far from it."""
+    env.reset(seed=SEED, options={"setup": {"obstacle": {"position": [0.58, -0.3], "yaw": 0.0}}})
+    body, place = env.data.joint("box_joint"), np.array([0.58, -0.265, BOX_HALF[1] + up])
+    turn, lean = np.radians([turned, 0.0, 0.0]), np.radians([0.0, leaning, 0.0])
+    body.qpos[:3] = place
+    body.qpos[3:] = quaternion.multiply(*map(quaternion.from_rotation_vector, (lean, turn)))
+    body.qvel[:] = twist
+    arm = wam.inverse_kinematics(env.model, "hand", place + tool, wam.TOOL_DOWN)
+    assert arm is not None
+    env.data.qpos[: wam.N_JOINTS] = arm
+    mujoco.mj_forward(env.model, env.data)
+    env.after_physics()
+    return env.succeeded()
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside"),
+    [
+        ({"turned": 85.2}, {"turned": 84.8}),
+        ({"turned": 94.8}, {"turned": 95.2}),
+        ({"turned": 90.0}, {"turned": -90.0}),
+        ({"leaning": 4.8}, {"leaning": 5.2}),
+        ({"up": 0.009}, {"up": 0.011}),
+        ({"twist": (0, -0.019, 0, 0, 0, 0)}, {"twist": (0, -0.021, 0, 0, 0, 0)}),
+        ({"twist": (0, 0, 0, -0.09, 0, 0)}, {"twist": (0, 0, 0, -0.11, 0, 0)}),
+        ({"tool": (0.0, 0.0, 0.161)}, {"tool": (0.0, 0.0, 0.159)}),
+        ({"tool": (-0.165, 0.05, 0.038)}, {"tool": (-0.165, 0.05, 0.034)}),
+    ],
+    ids=["short", "beyond", "other face", "leaning", "height", "speed", "turning", "tool", "fingertip"],
+)
+def test_success_needs_the_box_on_its_other_face_at_rest_and_left(env, inside, outside):
+    assert succeeds(env, **inside)
+    assert not succeeds(env, **outside)

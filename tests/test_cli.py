@@ -60,12 +60,12 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["teach", "light-bulb", "--out", "OUT", "-n", "0"], "at least 1"),
         (["teach", "light-bulb", "--out", "OUT", "--seed", "-1"], "0 or more"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "speed"], "name=value"),
-        (["teach", "light-bulb", "--out", "OUT", "--set", "fingertip_fiction=1"], "fingertip_friction"),
+        (["teach", "light-bulb", "--out", "OUT", "--set", "fingertip_fiction=1"], "did you mean 'fingertip_friction'"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "noise=2"], "'noise'"),
         (["teach", "light-bulb", "--out", "DEMOS/demos.h5"], "cannot write"),
-        (["learn", "sequence-graf", "DEMOS", "--out", "OUT"], "sequence-graph"),
+        (["learn", "sequence-graf", "DEMOS", "--out", "OUT"], "did you mean 'sequence-graph'"),
         (["learn", "sequence-graph", "OUT/none.h5", "--out", "OUT"], "no such file"),
-        (["learn", "sequence-graph", "DEMOS", "--out", "OUT", "--set", "grahp=1"], "graph"),
+        (["learn", "sequence-graph", "DEMOS", "--out", "OUT", "--set", "grahp=1"], "did you mean 'graph'"),
         (["evaluate", "random", "light-bulp"], "did you mean 'light-bulb'"),
         (["evaluate", "random", "light-bulb", "-n", "0"], "1 or more"),
         (["evaluate", "random", "light-bulb", "--jobs", "0"], "greater than or equal to 1"),
@@ -74,24 +74,27 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["evaluate", "random", "light-bulb", "--json", "DEMOS/report.json"], "cannot write"),
         (["evaluate", "random", "light-bulb", "--set", "name=x"], "'name'"),
         (["render", "random", "light-bulb", "--out", "OUT.jpg"], ".mp4"),
-        (["render", "random", "light-bulb", "--out", "OUT.png", "--seed", "-1"], "0"),
+        (["render", "random", "light-bulb", "--out", "OUT.png", "--seed", "-1"], "greater than or equal to 0"),
         (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "render_mode=human"], "render_mode"),
         (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "width=0"], "width"),
         (["render", "random", "nowhere", "--out", "OUT"], "light-bulb"),
         (["bench", "nowhere"], "light-bulb"),
         (["teach", "light-bulb"], "--out"),
-        (["dance"], "--help"),
-        (["envs", "--loud"], "--help"),
+        (["dance"], "'dance'"),
+        (["envs", "--loud"], "--loud"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(arguments, says, capsys, tmp_path, demos) -> None:
     named = [a.replace("OUT", str(tmp_path / "out")).replace("DEMOS", str(demos)) for a in arguments]
-    if not arguments:
-        assert cli.main([]) == 2
-        return
-    if says == "did you mean 'light-bulb'":
-        says = "light-bulb"
     assert says in refuse(named, capsys, tmp_path)
+
+
+def test_without_a_command_the_help_is_shown(capsys) -> None:
+    assert cli.main([]) == 2
+    out, err = capsys.readouterr()
+    assert "evaluate" in out
+    assert err.startswith("lfd-gym: a command is missing")
+    assert err.count("\n") == 1
 
 
 def test_truncated_and_foreign_demonstrations_are_refused(capsys, tmp_path, truncated, foreign) -> None:

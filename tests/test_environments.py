@@ -163,6 +163,22 @@ def test_the_step_follows_the_control_rate(env: Any) -> None:
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
 
 
+@pytest.mark.parametrize("hz", [10.0, 50.0])
+def test_success_must_hold_for_a_second_without_interruption(env: Any, hz: float) -> None:
+    world, second = make(env.spec.id, control_hz=hz), round(hz)
+    shown = [True] * (second - 1) + [False] + [True] * second
+    world.succeeded = lambda: True
+    assert not world.reset(seed=1)[1]["is_success"]
+    found = []
+    for action, done in zip(actions(world, len(shown)), shown, strict=True):
+        world.succeeded = lambda done=done: done
+        _, reward, terminated, _, info = world.step(action)
+        found.append((info["is_success"], terminated, reward))
+    assert found == [(False, False, 0.0)] * (2 * second - 1) + [(True, True, 1.0)]
+    world.reset(seed=1)
+    assert not world.step(action)[-1]["is_success"]
+
+
 # copies and vectors
 
 

@@ -1,6 +1,7 @@
 """Experiments: kept rows, statistics on planted numbers, and every command on its smallest settings."""
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -58,6 +59,11 @@ def count_steps(env: Any, policy: Any, seed: int) -> Seen:
     return Seen(seed, steps)
 
 
+def count_slowly_at_first(env: Any, policy: Any, seed: int) -> Seen:
+    time.sleep(0.5 * (seed == rows.DEVELOPMENT_SEED))
+    return count_steps(env, policy, seed)
+
+
 def test_every_experiment_is_there() -> None:
     assert all(callable(load(path)) for path in EXPERIMENTS.values())
 
@@ -73,21 +79,33 @@ def test_a_row_is_made_once(tmp_path: Path) -> None:
     assert len(made) == 1
 
 
+def test_a_row_of_other_setups_is_refused(tmp_path: Path) -> None:
+    kept = Rows(tmp_path, quick=True)
+    kept.evaluated("row", toy.ENV_ID, toy.PointPolicy)
+    for episodes, env_kwargs in ((1, None), (100, {"speed": 2.0})):
+        with pytest.raises(InvalidArgumentError, match="of other setups"):
+            kept.evaluated("row", toy.ENV_ID, toy.PointPolicy, episodes, env_kwargs)
+    (tmp_path / "quick" / "row.json").write_text("{")
+    with pytest.raises(InvalidArgumentError, match="is damaged"):
+        kept.evaluated("row", toy.ENV_ID, toy.PointPolicy)
+
+
 def test_a_quick_trial_is_never_taken_for_a_result(tmp_path: Path) -> None:
     assert Rows(tmp_path, quick=True).kept("row", lambda: "trial") == "trial"
     assert Rows(tmp_path).kept("row", lambda: "result") == "result"
-    assert rows.DEVELOPMENT_SEED in Rows(tmp_path, quick=True).seeds(100)
+    assert Rows(tmp_path, quick=True).seeds(100) == range(100000, 100002)
     assert Rows(tmp_path).seeds(100) == range(1000, 1100)
 
 
-def test_jobs_change_no_row(tmp_path: Path) -> None:
+def test_jobs_change_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rows, "QUICK_EPISODES", 12)
     kept = []
     for jobs in (1, 2):
         at = Rows(tmp_path / str(jobs), quick=True, jobs=jobs)
-        kept.append(at.observed("seen", toy.ENV_ID, toy.PointPolicy, count_steps, 12))
         assert at.evaluated("report", toy.ENV_ID, toy.PointPolicy)["success_rate"] == 1.0
+        kept.append(at.observed("seen", toy.ENV_ID, toy.PointPolicy, count_slowly_at_first, 12))
     assert kept[0] == kept[1]
-    assert [row["seed"] for row in kept[0]] == [100000, 100001]
+    assert [row["seed"] for row in kept[0]] == list(range(100000, 100012))
 
 
 def test_what_failed_first() -> None:

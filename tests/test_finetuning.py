@@ -1,5 +1,6 @@
 """Fine-tuning: it starts exactly from the skill it is given, finds what was planted, and keeps nothing that does worse."""
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,21 @@ def test_an_agent_that_has_not_learned_decides_as_the_graph_does(small: Any, ski
     world = make(ENV_ID)
     list(rollout(world, skill, SEED))
     assert np.array_equal(world.unwrapped.get_state()[:7], tool)
+
+
+def test_nothing_comes_after_the_last_node(small: Any, skill: SequenceGraphSkill) -> None:
+    """A task that the graph believes done and that is not fails: it is not cut off in the middle."""
+    lost = copy.deepcopy(skill)
+    lost.primitives.goal[:, 1] += 0.05
+    env = refined_graph.GraphDecisions(make(ENV_ID, reward_type="dense"), lost, hold=1)
+    env.reset(seed=SEED)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        decision = lost.nodes[env._node].decision
+        _, _, terminated, truncated, info = env.step(0)
+    assert decision is None
+    assert not info["is_success"]
+    assert (terminated, truncated) == (True, False)
 
 
 def some_decisions(rng: np.random.Generator) -> list[Any]:

@@ -1,4 +1,7 @@
-"""The thread of the light bulb is a thread: turning lifts, pulling does not, and after its last turn it lets go."""
+"""The thread of the light bulb is a thread: turning lifts, pulling does not, and after its last turn it lets go.
+
+And what counts as a bulb in the box.
+"""
 
 import math
 from typing import Any
@@ -9,6 +12,8 @@ import numpy as np
 import pytest
 
 import lfd_gym  # noqa: F401 - registers the environments
+from lfd_gym import quaternion, wam
+from lfd_gym.envs.light_bulb import LightBulbEnv
 
 PITCH = 0.00362
 """Rise per turn of an E27 thread [m]."""
@@ -150,3 +155,50 @@ def test_bulbs_need_between_one_and_two_turns_and_differ_in_friction() -> None:
     assert 1.0 <= min(turns) < 1.1
     assert 1.9 < max(turns) <= 2.0
     assert 0.06 <= min(frictions) < max(frictions) <= 0.12
+
+
+@pytest.fixture(scope="module")
+def world() -> LightBulbEnv:
+    """The box at (0.6, 0.1), turned."""
+    world = LightBulbEnv()
+    world.reset(seed=0, options={"setup": {"box": {"position": [0.6, 0.1], "yaw": 0.5}}})
+    return world
+
+
+def succeeds(
+    world: Any, glass: Any = (0, 0, 0.036), twist: Any = (0,) * 6, tool: Any = (0, 0, 0.25), loose: bool = True
+) -> bool:
+    """With the glass of the lying bulb there in the box's frame, moving, and the tool so far from it."""
+    c, s = math.cos(0.5), math.sin(0.5)
+    place = np.array([0.6 + c * glass[0] - s * glass[1], 0.1 + s * glass[0] + c * glass[1], glass[2]])
+    lying = quaternion.from_rotation_vector(np.array([0.5 * math.pi, 0.0, 0.0]))
+    body = world.data.joint("bulb_joint")
+    body.qpos[:3], body.qpos[3:] = place - quaternion.rotate(lying, np.array([0.0, 0.0, 0.072])), lying
+    body.qvel[:] = twist
+    arm = wam.inverse_kinematics(world.model, "hand", place + tool, wam.TOOL_DOWN)
+    assert arm is not None
+    world.data.qpos[: wam.N_JOINTS] = arm
+    world.data.eq_active[world.model.equality("bulb_in_thread").id] = not loose
+    mujoco.mj_forward(world.model, world.data)
+    world.after_physics()
+    return world.succeeded()
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside"),
+    [
+        ({"glass": (0.0835, 0.0, 0.036)}, {"glass": (0.0845, 0.0, 0.036)}),
+        ({"glass": (0.0, -0.0835, 0.036)}, {"glass": (0.0, -0.0845, 0.036)}),
+        ({"glass": (-0.0835, 0.0835, 0.036)}, {"glass": (-0.0835, 0.0845, 0.036)}),
+        ({"glass": (0.0, 0.0, 0.079)}, {"glass": (0.0, 0.0, 0.081)}),
+        ({"twist": (0, -0.049, 0, 0, 0, 0)}, {"twist": (0, -0.051, 0, 0, 0, 0)}),
+        ({"twist": (0, 0, 0, 0, 0, -0.49)}, {"twist": (0, 0, 0, 0, 0, -0.51)}),
+        ({"tool": (0.0, 0.0, 0.151)}, {"tool": (0.0, 0.0, 0.149)}),
+        ({"tool": (-0.025, 0.153, -0.022)}, {"tool": (-0.025, 0.153, -0.026)}),
+        ({"loose": True}, {"loose": False}),
+    ],
+    ids=["wall", "other wall", "corner", "height", "speed", "turning", "tool", "fingertip", "thread"],
+)
+def test_success_needs_the_bulb_loose_in_the_box_at_rest_and_left(world: Any, inside: Any, outside: Any) -> None:
+    assert succeeds(world, **inside)
+    assert not succeeds(world, **outside)

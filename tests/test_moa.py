@@ -199,9 +199,18 @@ def test_one_step_likelihood_never_falls_and_finds_where_demonstrations_scatter(
 
 
 def test_one_step_weights_all_directions_by_their_variance():
-    rng = np.random.default_rng(13)
-    moa = learned(letters(rng, 6), [start_and_end(x) for x in letters(rng, 6)], n_support=10, objective="one-step")
-    assert (np.linalg.eigvalsh(moa.one_step_.covariances) > 0.0).all()
+    """So the unit of a direction changes nothing but the unit of the answer."""
+    rng, unit = np.random.default_rng(15), np.array([1.0, 10.0])
+    points = [x + [1e-4, 2e-3] * rng.normal(size=x.shape) for x in letters(rng, 6)]
+    settings = {"n_support": 10, "alpha": 100.0, "dt": 0.01, "second_stage": False, "tolerance": 1e-9}
+    one, other = (
+        learned(xs, [start_and_end(x) for x in xs], objective="one-step", **settings)
+        for xs in (points, [unit * x for x in points])
+    )
+    x = one.predict(start_and_end(points[0]), points[0][0])
+    np.testing.assert_allclose(other.predict(start_and_end(unit * points[0]), unit * points[0][0]) / unit, x, atol=1e-4)
+    covariances = one.one_step_.covariances * np.outer(unit, unit)
+    np.testing.assert_allclose(other.one_step_.covariances, covariances, rtol=0.02)
 
 
 def test_moving_goals_follow_their_frames():

@@ -93,6 +93,30 @@ def test_chatter_is_no_gap_in_a_contact():
     assert np.array_equal(np.flatnonzero(force.any(axis=1)), np.arange(20, 80))
 
 
+def test_a_push_by_closing_fingers_is_no_press():
+    wrench = np.zeros((100, 6))
+    wrench[20:29, 2], wrench[40:60, 2] = 4.0, 4.0
+    force = learn_presses([np.zeros((100, 1, 3))], [np.eye(3)[None]], [wrench], 0.02).force
+    assert np.array_equal(np.flatnonzero(force.any(axis=1)), np.arange(40, 60))
+
+
+def test_a_press_ends_where_there_is_no_wall(skill):
+    i = int(np.flatnonzero(skill.press.force.any(axis=1))[0])
+    pose = board_pose(np.random.default_rng(7))
+    down = -Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()[:, 2]
+    seen = {
+        "tool_position": HOME,
+        "tool_quaternion": np.array([0.0, 0, 1, 0]),
+        "frame_board": pose,
+        "wrench": np.zeros(6),
+    }
+    _, state = skill.predict(seen)
+    state = Memory(*state)._replace(step=np.array([i]))
+    for depth, presses in ((0.0, True), (0.009, True), (0.011, False), (-0.02, True)):
+        action, _ = skill.predict(seen | {"tool_position": state.path[0, i] + depth * down}, state)
+        assert skill.layout.decode(action).force.any() == presses
+
+
 def test_turning_and_shifting_the_scene_turns_and_shifts_the_path(skill):
     rng = np.random.default_rng(3)
     poses = np.array([[0, 0, 0, 1, 0, 0, 0], board_pose(rng)])
@@ -145,6 +169,14 @@ def test_a_turned_tool_is_turned_with_the_frame_it_belongs_to():
     found = Rotation.from_quat(learned.quaternion, scalar_first=True)
     assert (planted.inv() * found[:30]).magnitude().max() < 0.1
     assert found[-30:].magnitude().max() < 0.1
+
+
+def test_the_orientation_of_a_single_demonstration_belongs_to_the_first_frame():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        axes = np.array([np.eye(3), *Rotation.random(2, rng=rng).as_matrix()])
+        turns = Rotation.from_rotvec(np.cumsum(0.02 * rng.standard_normal((100, 3)), axis=0)) * Rotation.random(rng=rng)
+        assert not learn_orientations([turns.as_quat(scalar_first=True)], [axes], DT).frame.any()
 
 
 def test_the_cheapest_sequence_is_the_cheapest_of_all():

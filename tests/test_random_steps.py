@@ -17,6 +17,7 @@ def test_random_actions_never_break_the_simulation(env_id: str) -> None:
     env = make(env_id, terminate_on_success=False)
     world, rng = env.unwrapped, np.random.default_rng(0)
     env.reset(seed=400000)
+    env.action_space.seed(0)
     action, n_episodes = env.action_space.sample(), 1
     for _ in range(N_STEPS):
         if rng.random() > KEEP:

@@ -135,6 +135,17 @@ def test_episodes_begin_where_they_were_demonstrated(taught: Sequence[Demonstrat
         assert np.isfinite(view_env.step(np.zeros(5))[0]).all()
 
 
+def test_the_outside_hand_lets_go_where_an_episode_begins() -> None:
+    shown = record(ENV_ID, MoveObjectTeacher(noise=0.0, mode="kinesthetic"), n=1, seed=11).demonstrations
+    view_env, ends = RLView(DemonstratedStarts(make(ENV_ID, **DENSE), shown, 1.0)), []
+    for way in (1.0, -1.0):
+        view_env.reset(seed=100000)
+        for _ in range(5):
+            view_env.step(np.array([way, 0.0, 0.0, 0.0, -1.0]))
+        ends.append(view_env.unwrapped.data.site("hand/tool").xpos[0])
+    assert ends[0] > ends[1] + 0.05
+
+
 def test_a_share_of_a_batch_is_demonstrated(taught: Sequence[Demonstration]) -> None:
     pytest.importorskip("stable_baselines3", reason="the rl extra is not installed")
     from policies.reinforcement.demonstration_sac import DemonstrationBuffer

@@ -168,12 +168,14 @@ def test_ink_does_not_depend_on_the_control_rate():
 
 
 def test_the_teacher_writes_both_words_and_the_ink_is_part_of_the_state(env):
-    states, infos = [], []
+    states, infos, progress = [], [], []
     policy = TeacherPolicy(WhiteboardTeacher(noise=1.0))
     for step in rollout(env, policy, SEED):
         states.append(env.get_state())
         infos.append(step.info)
+        progress.append(env.progress())
     assert infos[-1]["is_success"]
+    assert np.max(np.maximum.accumulate(progress) - progress) < 0.02
     assert [info["subtask/word_1"] for info in infos].index(True) < [i["subtask/word_2"] for i in infos].index(True)
     other = WhiteboardEnv()
     other.reset(seed=1 + SEED)

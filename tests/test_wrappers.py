@@ -1,6 +1,8 @@
 """The RL view: one design for every task, from observations alone, in which finishing pays."""
 
 import json
+from collections.abc import Callable
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -89,20 +91,36 @@ def test_episodes_have_the_seeds_that_evaluate_uses() -> None:
     assert np.array_equal(second["frame_object"], plain.reset(seed=100001)[0]["frame_object"])
 
 
-@pytest.mark.parametrize("env_id", ["box-flipping", "whiteboard"])
-def test_a_press_points_from_the_tool_to_what_is_pressed(env_id: str) -> None:
+def towards_the_edge(frame: Any, tool: np.ndarray) -> np.ndarray:
+    along = frame.xmat.reshape(3, 3)[:, 2]
+    return frame.xpos + ((tool - frame.xpos) @ along) * along - tool
+
+
+def into_the_board(frame: Any, tool: np.ndarray) -> np.ndarray:
+    return -frame.xmat.reshape(3, 3)[:, 2]
+
+
+def upwards(frame: Any, tool: np.ndarray) -> np.ndarray:
+    return np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("env_id", "right"),
+    [("box-flipping", towards_the_edge), ("whiteboard", into_the_board), ("light-bulb", upwards)],
+)
+def test_a_press_points_from_the_tool_to_what_is_pressed(env_id: str, right: Callable[..., np.ndarray]) -> None:
+    """Near every frame; a bulb is pulled."""
     env = view(env_id)
     world = env.unwrapped
     observation, _ = world.reset(seed=100000)
     action = np.zeros(env.action_space.shape)
     action[env.view.controls.index("press")] = 0.5
-    force = world.action_layout.decode(env.view.native_action(action, observation)).force
-    assert np.linalg.norm(force) == pytest.approx(0.5 * world.action_layout.force_limit, rel=1e-3)
-    nearest = min(
-        (observation[f"frame_{f}"][:3] for f in world.frames),
-        key=lambda p: np.linalg.norm(p - observation["tool_position"]),
-    )
-    assert force @ (nearest - observation["tool_position"]) > 0.0
+    for frame in map(world.data.body, world.frames):
+        tool = observation["tool_position"] = frame.xpos + [0.05, 0.03, 0.1]
+        force = world.action_layout.decode(env.view.native_action(action, observation)).force
+        assert np.linalg.norm(force) == pytest.approx(0.5 * world.action_layout.force_limit, rel=1e-3)
+        direction = right(frame, tool)
+        assert force @ direction > 0.9999 * np.linalg.norm(force) * np.linalg.norm(direction)
 
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)

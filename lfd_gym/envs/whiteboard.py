@@ -169,11 +169,12 @@ class WhiteboardEnv(ManipulationEnv):
         return {"coverage": self._total.coverage, "precision": self._total.precision}
 
     def progress(self) -> float:
-        """Reach, write, lift."""
-        unfinished = next((i for i, tally in enumerate(self._tallies) if not _enough(tally)), None)
-        if unfinished is None:
+        """Reach, write, lift. Of a finished word the reach is kept."""
+        unfinished = [i for i, tally in enumerate(self._tallies) if not _enough(tally)]
+        if not unfinished:
             return 0.85 + 0.1 * self._lifted
-        reach = tolerance(math.dist(self._tip, self._origins[unfinished]), (0.0, 0.08), margin=0.3)
+        near = tolerance(math.dist(self._tip, self._origins[unfinished[0]]), (0.0, 0.08), margin=0.3)
+        reach = (len(self._tallies) - len(unfinished) + near) / len(self._tallies)
         return float(0.1 * reach + 0.75 * self._total.coverage * self._total.precision)
 
     def decorate(self, scene: mujoco.MjvScene) -> None:

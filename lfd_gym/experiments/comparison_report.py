@@ -83,8 +83,8 @@ def table(rows: Sequence[Row]) -> str:
                 ]
             )  # fmt: skip
     header = [
-        "task", "method", "success %", "per seed", "minus the first method, points", "demonstrations", "simulated h",
-        "decisions", "updates", "wall-clock min", "setups",
+        "task", "method", "success % of these", "per seed", "minus the first method, points, p uncorrected",
+        "demonstrations", "simulated h", "decisions", "updates", "wall-clock min", "setups",
     ]  # fmt: skip
     return markdown(header, lines)
 

@@ -82,7 +82,7 @@ def light_bulb(out: Path, quick: bool, jobs: int) -> str:
 
 
 def attempt(env: Any, policy: Any, seed: int) -> Attempt:
-    """One episode; an exception fails it."""
+    """One episode."""
     steps, reached = 0, dict[str, bool]()
     step = None
     for step in rollout(env, policy, seed):

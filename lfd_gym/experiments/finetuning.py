@@ -88,17 +88,18 @@ def run(out: Path, quick: bool, jobs: int, setups: int = 500, episodes: int = 40
     """
     rows, table = Rows(out, quick, jobs), []
     practised = QUICK_PRACTICE if quick else episodes
-    for case in CASES:
-        for method in case.methods:
-            name = f"{case.name}-{method}"
-            if name.startswith(only):
-                _check(rows, case.name, setups)
-                _check(rows, name, setups, practised)
-                _before(rows, case, setups)
-                _after(rows, case, method, setups, practised)
-            if rows.exists(name):
-                before, after = (rows.kept(row, dict) for row in (case.name, name))
-                table.append([*_described(case), method, *_cells(before, after)])
+    asked = [(case, method, f"{case.name}-{method}") for case in CASES for method in case.methods]
+    for case, _, name in asked:
+        if name.startswith(only):
+            _check(rows, case.name, setups)
+            _check(rows, name, setups, practised)
+    for case, method, name in asked:
+        if name.startswith(only):
+            _before(rows, case, setups)
+            _after(rows, case, method, setups, practised)
+        if rows.exists(name):
+            before, after = (rows.kept(row, dict) for row in (case.name, name))
+            table.append([*_described(case), method, *_cells(before, after)])
     header = [
         "task", "learner", "noise", "demonstrations", "teaching seed", "method", "episodes", "simulated h", "kept",
         "before %", "after %", "difference, points", "setups",
@@ -119,7 +120,7 @@ def _before(rows: Rows, case: Case, setups: int) -> None:
 def _after(rows: Rows, case: Case, method: str, setups: int, episodes: int) -> None:
     """Practise, and the row of what came of it."""
     finetune, name = load("policies.reinforcement.finetuning:finetune"), f"{case.name}-{method}"
-    path = _skill(rows, name)
+    path = _skill(rows, f"{name}-{episodes}")
 
     def row() -> dict[str, Any]:
         if not path.exists():

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import joblib
 
 from lfd_gym.errors import InvalidArgumentError
-from lfd_gym.evaluation import evaluate, wilson_interval
+from lfd_gym.evaluation import check_fits, evaluate, wilson_interval
 from lfd_gym.paths import written_whole
 from lfd_gym.progress import track
-from lfd_gym.registry import make
+from lfd_gym.registry import environment_id, make
 
 FINAL_SEED, DEVELOPMENT_SEED = 1000, 100000
 """First evaluation seed of the figures that are published, and of quick trials."""
@@ -70,8 +70,16 @@ class Rows:
         episodes: int = 100,
         env_kwargs: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """One evaluation, as `EvaluationReport.to_dict`; `policy()` is called only if it has to be made."""
-        return self.kept(name, lambda: self.report(env_id, policy(), episodes, env_kwargs))
+        """One evaluation, as `EvaluationReport.to_dict`; `policy()` is called only if it has to be made.
+
+        Raises InvalidArgumentError for a row of other setups or of an environment with other arguments.
+        """
+        report: dict[str, Any] = self.kept(name, lambda: self.report(env_id, policy(), episodes, env_kwargs))
+        made = report["env_id"], report["env_kwargs"], [episode["seed"] for episode in report["episodes"]]
+        asked = environment_id(env_id), json.loads(json.dumps(dict(env_kwargs or {}))), list(self.seeds(episodes))
+        if made != asked:
+            raise InvalidArgumentError(f"the row '{self._path(name)}' is of other setups; remove it to make it again")
+        return report
 
     def report(
         self, env_id: str, policy: Any, episodes: int = 100, env_kwargs: Mapping[str, Any] | None = None
@@ -122,6 +130,7 @@ def _run(
 ) -> list[dict[str, Any]]:
     env = make(env_id, **env_kwargs)
     try:
+        check_fits(policy, env)
         return [episode(env, policy, seed)._asdict() for seed in seeds]
     finally:
         env.close()

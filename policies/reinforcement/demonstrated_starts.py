@@ -34,4 +34,5 @@ class DemonstratedStarts(gymnasium.Wrapper, RecordConstructorArgs):
         demonstration = self.demonstrations[world.np_random.integers(len(self.demonstrations))]
         t = int(world.np_random.integers(len(demonstration)))
         world.set_state(demonstration.states[t])
+        world.set_guidance(None)
         return {name: values[t] for name, values in demonstration.observations.items()}, info

@@ -140,7 +140,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
         return self._look(), info
 
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Follow a class for a while."""
+        """Follow a class for a while; where no decision is left, to the end of the episode, which nothing comes after."""
         self.skill.chosen, node = int(action), self._node
         ends = self.skill.nodes[node].decision is None
         steps, ended = 0, False
@@ -149,7 +149,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
             self._seen, reward, terminated, truncated, info = self.env.step(native)
             steps, ended = steps + 1, terminated or truncated
             observation = self._look()
-        return observation, float(reward), terminated, truncated, info
+        return observation, float(reward), terminated or ends, truncated and not ends, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """(n_classes,) which classes the active node has."""

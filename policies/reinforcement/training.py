@@ -156,6 +156,8 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         **identity, "env_id": task.env_id, "env_kwargs": dict(task.env_kwargs), "seed": task.seed,
         "settings": json.loads(json.dumps(asdict(settings))),
     }  # fmt: skip
+    if settings.annealing:
+        job["decisions"] = schedule.decisions
     kept = TrainingFolder(folder, job)
     state = kept.state() or {
         "decisions": 0, "seconds": 0.0, "simulated_seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0,
