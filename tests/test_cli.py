@@ -93,7 +93,7 @@ def test_without_a_command_the_help_is_shown(capsys) -> None:
     assert cli.main([]) == 2
     out, err = capsys.readouterr()
     assert "evaluate" in out
-    assert err.startswith("lfd-gym: a command is missing")
+    assert err.startswith("lfd-gym: a command is missing; 'lfd-gym --help'")
     assert err.count("\n") == 1
 
 

@@ -146,4 +146,5 @@ def test_unlabelled_learners_do_not_look_at_the_primitives(method: str, skill, t
             learner.fit(others)
     else:
         others[1] = dataclasses.replace(taught[1], labels=np.full_like(taught[1].labels, NO_LABEL))
-        assert np.array_equal(actions_of(learner.fit(others).skill_, seen(taught[0])), actions_of(skill, seen(taught[0])))
+        other = learner.fit(others).skill_
+        assert np.array_equal(actions_of(other, seen(taught[0])), actions_of(skill, seen(taught[0])))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from lfd_gym import quaternion
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.perturbation import EARLIEST, LATEST, PUSH_TIME, Perturbation, Schedule
 from lfd_gym.registry import make
@@ -12,15 +13,33 @@ from scripted_teachers.move_object import MoveObjectTeacher
 SEED = 200000
 
 
-def hold(env, seconds: float) -> dict[str, np.ndarray]:
-    """Keep the tool where it is."""
+def path(env, body: str, n_steps: int) -> np.ndarray:
+    """Of a body, after every control step, while the tool is held where it is."""
     observation, _ = env.reset(seed=SEED)
     action = env.unwrapped.action_layout.encode(
         observation["tool_position"], observation["tool_quaternion"], hand=observation["hand_position"]
     )
-    for _ in range(round(seconds / env.unwrapped.dt)):
-        observation, *_ = env.step(action)
-    return observation
+    positions = []
+    for _ in range(n_steps):
+        env.step(action)
+        positions.append(env.unwrapped.data.body(body).xipos.copy())
+    return np.array(positions)
+
+
+def pushed(body: str, which: int, **strengths: float) -> tuple[np.ndarray, np.ndarray]:
+    """What a push did to a body: its shifts before, and then for a second and a half how far it went along the force [m]."""
+    env = make("move-object", perturbation=strengths)
+    env.reset(seed=SEED)
+    schedule, dt = env.unwrapped._schedule, env.unwrapped.dt
+    forces = np.array([schedule.pushes(i * dt)[which] for i in range(round((LATEST + 1.0) / dt))])
+    during = np.flatnonzero(forces.any(axis=1))
+    first, strength = during[0], max(strengths.values())
+    assert EARLIEST <= first * dt <= LATEST + dt
+    assert len(during) == round(PUSH_TIME / dt)
+    assert np.hypot(*forces[first, :2]) == pytest.approx(strength)
+    n_steps = first + round(1.5 / dt)
+    shifts = path(env, body, n_steps) - path(make("move-object"), body, n_steps)
+    return shifts[:first], shifts[first:] @ forces[first] / strength
 
 
 def test_nothing_is_perturbed_by_default() -> None:
@@ -40,8 +59,36 @@ def test_tracked_frames_err_by_the_given_spread_and_stay_so() -> None:
         errors.append(observation["frame_target"][:2] - env.unwrapped.setup()["target"]["position"])
     assert 0.007 < np.std(errors) < 0.013
     first, _ = env.reset(seed=SEED)
-    later, *_ = env.step(env.action_space.sample())
+    later, *_ = env.step(np.zeros(env.action_space.shape))
     assert np.array_equal(first["frame_target"], later["frame_target"])
+
+
+def test_tracked_frames_are_turned_by_the_given_spread_and_stay_so() -> None:
+    env = make("move-object", perturbation={"tracking_rotation": 0.1})
+    turns = []
+    for seed in range(SEED, SEED + 40):
+        observation, _ = env.reset(seed=seed)
+        seen, target = observation["frame_target"], env.unwrapped.data.body("target")
+        assert np.array_equal(seen[:3], target.xpos)
+        turns.append(quaternion.to_rotation_vector(quaternion.multiply(seen[3:], quaternion.conjugate(target.xquat))))
+    assert 0.07 < np.std(turns) < 0.13
+    assert np.std(turns, axis=0).min() > 0.05
+    later, *_ = env.step(np.zeros(env.action_space.shape))
+    assert np.array_equal(seen, later["frame_target"])
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, 2.0])
+def test_variation_widens_the_ranges_about_their_middles(factor: float) -> None:
+    """Of the object's mass, 0.1 to 0.2 kg, and friction, 0.6 to 1.0."""
+    middles, drawn = np.array([0.15, 0.8]), []
+    for env in (make("move-object"), make("move-object", perturbation={"variation": factor})):
+        model, rows = env.unwrapped.model, []
+        for seed in range(SEED, SEED + 10):
+            env.reset(seed=seed)
+            rows.append([model.body("object").mass[0], model.geom("object").friction[0]])
+        drawn.append(rows - middles)
+    assert np.ptp(drawn[0], axis=0).min() > 0.03
+    np.testing.assert_allclose(drawn[1], factor * drawn[0], atol=1e-12)
 
 
 def test_the_wrench_is_noisy_and_biased_as_asked() -> None:
@@ -56,14 +103,19 @@ def test_the_wrench_is_noisy_and_biased_as_asked() -> None:
 
 
 def test_a_push_moves_the_arm_while_it_lasts_and_only_then() -> None:
-    env = make("move-object", perturbation={"push_arm": 40.0})
-    env.reset(seed=SEED)
-    schedule = env.unwrapped._schedule
-    starts = [t for t in np.arange(0.0, LATEST + 1.0, 0.01) if schedule.pushes(t)[0].any()]
-    assert EARLIEST <= starts[0] <= LATEST
-    assert starts[-1] - starts[0] <= PUSH_TIME
-    still, pushed = hold(make("move-object"), starts[-1] + 0.02), hold(env, starts[-1] + 0.02)
-    assert np.linalg.norm(pushed["tool_position"] - still["tool_position"]) > 1e-4
+    before, along = pushed("wam_link_5", 0, push_arm=40.0)
+    assert not before.any()
+    assert (along[:10] > 0.0).all()
+    assert along[9] > 5e-3
+    assert abs(along[-1]) < 1e-3
+
+
+def test_a_push_sets_the_object_in_motion_and_then_leaves_it() -> None:
+    before, along = pushed("object", 1, push_object=3.0)
+    speed = np.diff(along) / 0.02
+    assert not before.any()
+    assert along[9] > 0.05
+    assert speed[20:].max() < 0.5 * speed[8]
 
 
 def test_slippery_fingertips_decide_the_friction_of_a_contact() -> None:

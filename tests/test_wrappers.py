@@ -116,7 +116,7 @@ def test_a_press_points_from_the_tool_to_what_is_pressed(env_id: str, right: Cal
     action = np.zeros(env.action_space.shape)
     action[env.view.controls.index("press")] = 0.5
     for frame in map(world.data.body, world.frames):
-        tool = observation["tool_position"] = frame.xpos + [0.05, 0.03, 0.1]
+        tool = observation["tool_position"] = frame.xpos + np.array([0.05, 0.03, 0.1])
         force = world.action_layout.decode(env.view.native_action(action, observation)).force
         assert np.linalg.norm(force) == pytest.approx(0.5 * world.action_layout.force_limit, rel=1e-3)
         direction = right(frame, tool)
