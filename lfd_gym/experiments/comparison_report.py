@@ -153,8 +153,8 @@ def _mean_fact(rows: Sequence[Row], name: str) -> float:
 
 
 def _points(result: Paired) -> str:
-    low, high = 100 * result.low, 100 * result.high
-    return f"{100 * result.difference:+.0f} [{low:+.0f}, {high:+.0f}], p = {result.p:.2g}"
+    difference, low, high = (round(100 * value) for value in result[:3])
+    return f"{difference:+d} [{low:+d}, {high:+d}], p = {result.p:.2g}"
 
 
 def _mean(differences: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
