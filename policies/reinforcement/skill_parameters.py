@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 SHIFT, TURN, LOGIT = 0.01, 0.05, 1.0
 """[m], [rad], and one e-fold of a frame's share."""
+FINE = 0.2
+"""Of these steps for a path: it is followed all the way, and not only to its goals."""
 KNOTS = 5
 """Of the logits over time."""
 
@@ -84,7 +86,8 @@ def _activations(skill: MoASkill, path: AttractorPath) -> Parameters:
     n_logits = n_knots * (n_frames - 1)
 
     def applied(x: Array) -> Skill:
-        logits, offsets = x[:n_logits].reshape(n_knots, n_frames - 1), x[n_logits:].reshape(n_frames, d)
+        fine = FINE * x
+        logits, offsets = fine[:n_logits].reshape(n_knots, n_frames - 1), fine[n_logits:].reshape(n_frames, d)
         return MoASkill(
             shifted(path, LOGIT * logits, SHIFT * offsets), skill.frames, skill.press, skill.orientation, skill.hand,
             skill.layout, skill.dt, env_id=skill.env_id, taught_seeds=skill.taught_seeds, metadata=skill.metadata,
