@@ -90,9 +90,10 @@ class MoASkill(Skill):
         i = int(memory.step)
         pressed = int(self.press.frame[i])
         force = quaternion.rotate(memory.frames[pressed, 3:], self.press.force[i])
-        if _yields(observation["tool_position"] - memory.path[i], force):
+        error = observation["tool_position"] - memory.path[i]
+        if _yields(error, force):
             force = np.zeros(3)
-        lags = self._lags(observation, memory.path[i], force)
+        lags = _lags(error, observation["wrench"], force)
         waits = lags and memory.waited < PATIENCE
         turned = memory.frames[self.orientation.frame[i], 3:]
         goal = memory.path[i] if waits else self._goal(memory.path, i)
@@ -115,16 +116,6 @@ class MoASkill(Skill):
         before, here, after = path[max(i - 1, 0)], path[i], path[min(i + 1, len(path) - 1)]
         velocity, acceleration = 0.5 * (after - before) / self.dt, (after - 2.0 * here + before) / self.dt**2
         return attractor.goal(here, velocity, acceleration, self.layout.alpha, self.layout.beta)
-
-    def _lags(self, observation: Observation, place: Array, force: Array) -> bool:
-        error = observation["tool_position"] - place
-        magnitude = float(np.linalg.norm(force))
-        if magnitude > 0.0:
-            direction = force / magnitude
-            if -observation["wrench"][:3] @ direction < FELT * magnitude:
-                return True
-            error = error - (error @ direction) * direction
-        return bool(np.linalg.norm(error) > LAG)
 
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Path, schedules and layout."""
@@ -150,6 +141,17 @@ class MoASkill(Skill):
         press, orientation = part(PressSchedule, "press"), part(OrientationSchedule, "orientation")
         layout = ActionLayout.from_dict(header["layout"])
         return cls(generator, header["frames"], press, orientation, arrays["hand"], layout, header["dt"], **facts)
+
+
+def _lags(error: Array, wrench: Array, force: Array) -> bool:
+    """Whether the tool, so far from its place (3,) [m], has to be waited for while it shall exert a force (3,) [N]."""
+    magnitude = float(np.linalg.norm(force))
+    if magnitude > 0.0:
+        direction = force / magnitude
+        if -wrench[:3] @ direction < FELT * magnitude:
+            return True
+        error = error - (error @ direction) * direction
+    return bool(np.linalg.norm(error) > LAG)
 
 
 def _yields(error: Array, force: Array) -> bool:

@@ -56,7 +56,7 @@ class SequenceGraphLearner(Learner):
             uses it, "drop" names it and leaves it out, "keep" does not look.
     """
 
-    reads = ()
+    reads = ("hand_position", "hand_torque")
 
     def __init__(
         self,
@@ -163,6 +163,6 @@ def _check_measurements(demonstrations: Sequence[Demonstration], needed: Sequenc
         for name in needed:
             if name not in demonstration.observations:
                 raise DemonstrationError(f"demonstration {i} has no observation '{name}', which this method needs")
-        for name in (*needed, "hand_position", "hand_torque"):
-            if not np.isfinite(demonstration.observations.get(name, 0.0)).all():
+        for name in needed:
+            if not np.isfinite(demonstration.observations[name]).all():
                 raise DemonstrationError(f"the observation '{name}' of demonstration {i} is not finite")

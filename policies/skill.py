@@ -105,16 +105,7 @@ def read_skill_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[
         header = json.loads(str(arrays.pop(HEADER)))
     except FileNotFoundError:
         raise SkillFileError(f"no skill at '{path}'; 'lfd-gym learn' writes one") from None
-    except (
-        OSError,
-        TypeError,
-        ValueError,
-        KeyError,
-        EOFError,
-        RuntimeError,
-        AttributeError,
-        zipfile.BadZipFile,
-    ) as error:
+    except (OSError, TypeError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
         raise SkillFileError(f"'{path}' is no skill, or is damaged; 'lfd-gym learn' writes skills") from error
     if not isinstance(header, dict) or header.get("schema") != SCHEMA:
         found = header.get("schema") if isinstance(header, dict) else None

@@ -1,8 +1,8 @@
 """BoxFlipping: the box turns because it is pressed, lies where the setup says, and counts as flipped when it is left."""
 
-import mujoco
 import numpy as np
 import pytest
+from placed_arm import succeeds_with_tool_at
 
 from lfd_gym import quaternion, wam
 from lfd_gym.envs.box_flipping import BOX_HALF, BoxFlippingEnv
@@ -103,12 +103,7 @@ def succeeds(env, turned=90.0, leaning=0.0, up=0.0, twist=(0,) * 6, tool=(0.0, 0
     body.qpos[:3] = place
     body.qpos[3:] = quaternion.multiply(*map(quaternion.from_rotation_vector, (lean, turn)))
     body.qvel[:] = twist
-    arm = wam.inverse_kinematics(env.model, "hand", place + tool, wam.TOOL_DOWN)
-    assert arm is not None
-    env.data.qpos[: wam.N_JOINTS] = arm
-    mujoco.mj_forward(env.model, env.data)
-    env.after_physics()
-    return env.succeeded()
+    return succeeds_with_tool_at(env, place + tool)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 from bare_robot import LAYOUT, BareRobot, pen_spec
+from placed_arm import posture
 from scipy.spatial.transform import Rotation
 
 from lfd_gym import contact, quaternion, wam
@@ -33,9 +34,7 @@ def above(height: float) -> np.ndarray:
 
 
 def start_over(bare: BareRobot, position: np.ndarray) -> None:
-    arm = wam.inverse_kinematics(bare.model, "pen", position, wam.TOOL_DOWN)
-    assert arm is not None
-    bare.stand(arm)
+    bare.stand(posture(bare.model, "pen", position))
     bare.run(0.5)
 
 

@@ -10,9 +10,10 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from placed_arm import succeeds_with_tool_at
 
 import lfd_gym  # noqa: F401 - registers the environments
-from lfd_gym import quaternion, wam
+from lfd_gym import quaternion
 from lfd_gym.envs.light_bulb import LightBulbEnv
 
 PITCH = 0.00362
@@ -177,13 +178,8 @@ def succeeds(
     body = world.data.joint("bulb_joint")
     body.qpos[:3], body.qpos[3:] = place - quaternion.rotate(lying, np.array([0.0, 0.0, 0.072])), lying
     body.qvel[:] = twist
-    arm = wam.inverse_kinematics(world.model, "hand", place + tool, wam.TOOL_DOWN)
-    assert arm is not None
-    world.data.qpos[: wam.N_JOINTS] = arm
     world.data.eq_active[world.model.equality("bulb_in_thread").id] = not loose
-    mujoco.mj_forward(world.model, world.data)
-    world.after_physics()
-    return world.succeeded()
+    return succeeds_with_tool_at(world, place + tool)
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
+from placed_arm import succeeds_with_tool_at
 
-from lfd_gym import quaternion, wam
+from lfd_gym import quaternion
 from lfd_gym.envs.move_object import MoveObjectEnv
 from lfd_gym.registry import make
 from lfd_gym.rollout import TeacherPolicy, rollout
@@ -44,12 +44,7 @@ def succeeds(
     body, place = world.data.joint("object_joint"), np.array([0.6 + off[0], 0.1 + off[1], 0.045 + up])
     body.qpos[:3], body.qpos[3:] = place, quaternion.from_rotation_vector(np.array([tilt, 0.0, 0.0]))
     body.qvel[:3] = speed
-    arm = wam.inverse_kinematics(world.model, "hand", place + tool, wam.TOOL_DOWN)
-    assert arm is not None
-    world.data.qpos[: wam.N_JOINTS] = arm
-    mujoco.mj_forward(world.model, world.data)
-    world.after_physics()
-    return world.succeeded()
+    return succeeds_with_tool_at(world, place + tool)
 
 
 @pytest.mark.parametrize(
