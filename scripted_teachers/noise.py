@@ -11,7 +11,8 @@
 | pull | 5-15 N | |
 | thresholds that end a movement | +- 20 % | the same |
 
-The scale multiplies every spread: noise 0 is clean, noise 2 doubles (a pull stays at least 3 N, a pause at least 0.1 s).
+The scale multiplies every spread: noise 0 is clean, noise 2 doubles (a pull stays at least 3 N, a pause at least 0.1 s, a
+threshold at least a fifth).
 """
 
 from typing import NamedTuple
@@ -28,7 +29,7 @@ BOW = 0.10
 PAUSE, PAUSE_SPREAD, SHORTEST_PAUSE = 0.6, 0.4, 0.1
 EARLY_PROBABILITY, EARLY_LEAST, EARLY_MOST = 0.1, 0.05, 0.15
 PULL, PULL_SPREAD, WEAKEST_PULL = 10.0, 5.0, 3.0
-THRESHOLD_SPREAD = 0.2
+THRESHOLD_SPREAD, LOWEST_THRESHOLD = 0.2, 0.2
 
 
 class Variation(NamedTuple):
@@ -63,7 +64,7 @@ def vary(rng: np.random.Generator, noise: float, steady: bool) -> Variation:
         bow=sideways / np.linalg.norm(sideways) * BOW * noise * bow,
         pause=max(PAUSE + PAUSE_SPREAD * noise * (2.0 * pause - 1.0), SHORTEST_PAUSE),
         completeness=1.0 - (EARLY_LEAST + (EARLY_MOST - EARLY_LEAST) * remains) if early else 1.0,
-        threshold=1.0 + THRESHOLD_SPREAD * noise * (threshold - 0.5) * 2.0 if noise < 4 else 1.0,
+        threshold=max(1.0 + THRESHOLD_SPREAD * noise * (2.0 * threshold - 1.0), LOWEST_THRESHOLD),
     )
 
 
