@@ -19,6 +19,8 @@ PATIENCE_MARGIN = 0.5
 """Stillness [s] allowed beyond `patience` times the longest one demonstrated in a node."""
 CONFUSED = 0.3
 """Share of the samples of one exit that are decided for another one, from which on the two are not told apart."""
+RARE = 1.0 / 3.0
+"""Of two exits that are not told apart one is left out if less than this share of the other's demonstrations took it."""
 N_JUDGED = 50
 """Samples per class by which this is judged."""
 
@@ -45,9 +47,14 @@ class NodeLearner(NamedTuple):
         if data is None:
             none, no_gains, no_index = np.empty(0), np.empty((0, N_COORDINATES)), np.empty(0, dtype=np.int64)
             return Node((), no_index, no_index, no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
-        seen, classes = np.unique(data.classes, return_inverse=True)
         targets = class_targets(node, data.exits)
-        decision = self._decision(data, classes, len(seen))
+        seen, decision = self._decision(data)
+        while (exits := _rarer(data, seen, decision)) is not None:
+            rarer, usual = exits
+            left_out = f"{self._to(rarer)} is left out, for most demonstrations went on to {self._to(usual)}"
+            _warn(f"node '{self.names[node]}': no feature that was observed tells its exits apart; {left_out}")
+            data = data.without(rarer)
+            seen, decision = self._decision(data)
         self._warn(node, data, seen, decision)
         patience = np.inf
         if self.patience is not None and not (targets[1:] == node).any():
@@ -65,10 +72,12 @@ class NodeLearner(NamedTuple):
             patience,
         )
 
-    def _decision(self, data: NodeData, classes: NDArray[np.int64], n_classes: int) -> Decision:
-        if n_classes == 1 or not data.features:
-            return constant_decision(n_classes, len(data.features))
-        return CLASSIFIERS[self.classifier](data.samples, classes, data.weights, **self.settings)[1]
+    def _decision(self, data: NodeData) -> tuple[NDArray[np.int64], Decision]:
+        """The classes (C,) that there are samples of, and what decides between them."""
+        seen, classes = np.unique(data.classes, return_inverse=True)
+        if len(seen) == 1 or not data.features:
+            return seen, constant_decision(len(seen), len(data.features))
+        return seen, CLASSIFIERS[self.classifier](data.samples, classes, data.weights, **self.settings)[1]
 
     def _warn(self, node: int, data: NodeData, seen: NDArray[np.int64], decision: Decision) -> None:
         name = self.names[node]
@@ -77,14 +86,29 @@ class NodeLearner(NamedTuple):
                 _warn(f"node '{name}' cannot tell its goal, where {self._to(exit_)} follows, from the way there")
         for exit_ in data.rare:
             _warn(f"at node '{name}' only one demonstration went on to {self._to(exit_)}")
-        for i, j in np.argwhere(_decided(data, seen, decision) >= CONFUSED):
-            a, b = seen[i], seen[j]
-            if STAY not in (a, b) and a != b:
-                one, other = self._to(data.exits[a - 1]), self._to(data.exits[b - 1])
-                _warn(f"node '{name}' takes {one} for {other}: no feature that was observed tells them apart")
+        for one, other in _confused(data, seen, decision):
+            taken = f"{self._to(one)} for {self._to(other)}"
+            _warn(f"node '{name}' takes {taken}: no feature that was observed tells them apart")
 
     def _to(self, exit_: int) -> str:
         return "the end" if exit_ == END else f"'{self.names[exit_]}'"
+
+
+def _rarer(data: NodeData, seen: NDArray[np.int64], decision: Decision) -> tuple[int, int] | None:
+    """An exit that is seldom right, see `RARE`, and the one that it is not told apart from; None if there are none."""
+    pairs = {
+        (len(data.taken_by[a]) / len(data.taken_by[b]), a, b)
+        for pair in _confused(data, seen, decision)
+        for a, b in (pair, pair[::-1])
+    }
+    share, rarer, usual = min(pairs, default=(1.0, END, END))
+    return (rarer, usual) if share < RARE else None
+
+
+def _confused(data: NodeData, seen: NDArray[np.int64], decision: Decision) -> list[tuple[int, int]]:
+    """Exits that are taken for another one, and that one."""
+    pairs = [(seen[i], seen[j]) for i, j in np.argwhere(_decided(data, seen, decision) >= CONFUSED)]
+    return [(data.exits[a - 1], data.exits[b - 1]) for a, b in pairs if STAY not in (a, b) and a != b]
 
 
 def _decided(data: NodeData, seen: NDArray[np.int64], decision: Decision) -> Array:

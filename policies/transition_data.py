@@ -41,8 +41,27 @@ class NodeData(NamedTuple):
     """Exit -> shortest rest before it, in samples; 0 where it was not observed."""
     goal_states: dict[int, Array]
     """Exit -> features (n,) at the goal that it waits for: the decision here must not be to stay."""
-    rare: list[int]
-    """Exits of a node with several that only one of several demonstrations took."""
+    taken_by: dict[int, frozenset[int]]
+    """Exit -> the demonstrations that took it."""
+
+    @property
+    def rare(self) -> list[int]:
+        """Exits of a node with several that only one of several demonstrations took."""
+        if len(self.taken_by) < 2 or len(frozenset().union(*self.taken_by.values())) < 2:
+            return []
+        return [e for e, own in self.taken_by.items() if len(own) == 1]
+
+    def without(self, exit_: int) -> "NodeData":
+        """The same node as if nobody had taken an exit."""
+        kept = self.classes != self.exits.index(exit_) + 1
+        weights = self.weights[kept]
+        return self._replace(
+            samples=self.samples[kept],
+            classes=self.classes[kept],
+            weights=weights * len(weights) / weights.sum(),
+            goal_states={e: state for e, state in self.goal_states.items() if e != exit_},
+            taken_by={e: own for e, own in self.taken_by.items() if e != exit_},
+        )
 
 
 class TransitionData:
@@ -143,14 +162,8 @@ class TransitionData:
             _weights(classes, [len(rows) for _, rows in blocks]),
             {e: min((len(s.go) - 1 for s in seen if s.exit == e and len(s.go)), default=0) for e in exits},
             {e: state[used] for e, state in goal_states.items()},
-            _rare(seen, waits),
+            {e: frozenset(s.demonstration for s in seen if s.exit == e) for e in waits},
         )
-
-
-def _rare(seen: list[Seen], waits: dict[int, Waits]) -> list[int]:
-    if len(waits) < 2 or len({s.demonstration for s in seen}) < 2:
-        return []
-    return [e for e in waits if len({s.demonstration for s in seen if s.exit == e}) == 1]
 
 
 def _virtual(rows: Array, free: list[int], pool: list[Array]) -> Array:

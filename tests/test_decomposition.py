@@ -16,6 +16,7 @@ from policies.decomposition.changes import Visit, _carried, _places, changes, to
 from policies.decomposition.checks import DecompositionWarning
 from policies.decomposition.evidence import LOG_APART, Evidence, Statistics
 from policies.decomposition.labelling import Row, absorbed, labelled
+from policies.decomposition.objective import Objective
 from policies.decomposition.observed import observe
 from policies.decomposition.result import Decomposition
 from policies.decomposition.task_spaces import entity_segments
@@ -124,6 +125,27 @@ def test_every_member_that_hints_contradict_counts_until_the_primitive_is_about_
         assert gained[n][1] == pytest.approx(0.0, abs=1e-6)
     assert gained[2][0] == pytest.approx(2.0 * gained[1][0], abs=1e-3)
     assert LOG_APART <= gained[len(data.segments)][0] < gained[2][0] < -5.0
+
+
+def test_the_order_of_primitives_is_that_of_an_urn() -> None:
+    """Every step is drawn in proportion to one plus how often it was made before."""
+    demonstrations, _ = planted(4, np.random.default_rng(4))
+    observed = observe(entity_segments(demonstrations, "position"))
+    objective = Objective(observed, Evidence(observed, (0.5, 0.15)))
+    rng = np.random.default_rng(5)
+    for n in (1, 2, 5):
+        z = np.r_[np.arange(n), rng.integers(n, size=len(observed.following) - n)]
+        made: dict[tuple[int, int], int] = {}
+        wanted, before = 0.0, n
+        for i, k in enumerate(z):
+            steps = [(before, int(k))] if k != before else []
+            steps += [(int(k), n)] if observed.following[i] < 0 else []
+            for a, b in steps:
+                drawn = sum(count for (other, _), count in made.items() if other == a)
+                wanted += np.log((1 + made.get((a, b), 0)) / (n + drawn))
+                made[a, b] = made.get((a, b), 0) + 1
+            before = n if observed.following[i] < 0 else int(k)
+        assert objective.order(z) == pytest.approx(wanted, abs=1e-9)
 
 
 def test_a_frame_that_is_carried_along_fits_by_itself(found: Decomposition, shown: list[Demonstration]) -> None:

@@ -22,8 +22,15 @@ def data(places: dict[int, float], **changes) -> NodeData:
     classes = np.repeat(list(places), 40)
     exits = (2, 3, END) if 3 in places else (2, 3)
     rests = {2: 4, 3: 0, END: 0}
-    facts = NodeData(FEATURES, exits, np.concatenate(samples), classes, np.ones(len(classes)), rests, {}, [])
+    facts = NodeData(
+        FEATURES, exits, np.concatenate(samples), classes, np.ones(len(classes)), rests, {}, taken_by(*exits)
+    )
     return facts._replace(**changes)
+
+
+def taken_by(*exits: int, **few: int) -> dict[int, frozenset[int]]:
+    """Every exit by four demonstrations, named ones by fewer."""
+    return {e: frozenset(range(few.get(NAMES[e], 4))) for e in exits}
 
 
 def warned(data: NodeData) -> list[str]:
@@ -50,8 +57,28 @@ def test_exits_that_nothing_tells_apart_are_named():
     assert message == "node 'reach' takes 'push' for 'grasp': no feature that was observed tells them apart"
 
 
+def test_of_exits_that_nothing_tells_apart_a_rare_one_is_left_out():
+    alike = data({0: 1.0, 1: 0.0, 2: 0.0})
+    assert warned(alike._replace(taken_by=taken_by(2, 3, push=1))) == [
+        "node 'reach': no feature that was observed tells its exits apart; 'push' is left out, for most demonstrations went on"
+        " to 'grasp'"
+    ]
+    for kept, left_out, few in ((2, 3, {"push": 1}), (3, 2, {"grasp": 1})):
+        with pytest.warns(TransitionWarning, match="left out"):
+            node = learner().learn(1, alike._replace(taken_by=taken_by(2, 3, **few)), stillness=10)
+        assert node.targets.tolist() == [1, kept]
+        assert left_out not in node.targets
+        assert np.argmax(node.decision.scores(np.array([0.0, 0.5]))) == 1
+        assert np.argmax(node.decision.scores(np.array([1.0, 0.5]))) == 0
+
+
+def test_a_rare_exit_that_a_feature_tells_stays():
+    shown = data({0: 1.0, 1: 0.0, 2: 0.5}, taken_by=taken_by(2, 3, push=1))
+    assert learner().learn(1, shown, stillness=10).targets.tolist() == [1, 2, 3]
+
+
 def test_a_transition_that_one_demonstration_showed_is_named():
-    (message,) = warned(data({0: 1.0, 1: 0.0, 3: 0.5}, rare=[END]))
+    (message,) = warned(data({0: 1.0, 1: 0.0, 3: 0.5}, taken_by={2: frozenset({0, 1}), END: frozenset({2})}))
     assert message == "at node 'reach' only one demonstration went on to the end"
 
 
