@@ -34,6 +34,13 @@ class Taught(NamedTuple):
     mode: str
     seeds: range
     """Teaching seeds."""
+    noise: float = 1.0
+    """Of the teacher."""
+
+    def name(self, seed: int) -> str:
+        """Of the row of one teaching seed."""
+        noisy = f"-noise-{self.noise:g}" if self.noise != 1.0 else ""
+        return f"{self.demonstrations}-{self.mode}{noisy}-{seed}"
 
 
 class Attempt(NamedTuple):
@@ -52,17 +59,20 @@ FLIPPING = (
     Taught(5, 1, "commanded", range(3)),
     Taught(1, 1, "commanded", range(1)),
     Taught(2, 1, "commanded", range(1)),
+    Taught(5, 1, "commanded", range(3), 2.0),
 )
 STACKING = (
     Taught(3, 1, "commanded", range(3)),
     Taught(1, 1, "commanded", range(1)),
     Taught(2, 1, "commanded", range(1)),
+    Taught(3, 1, "commanded", range(3), 2.0),
 )
 LIGHT_BULB = (
     Taught(9, 3, "commanded", range(3)),
     Taught(9, 3, "kinesthetic", range(1)),
     Taught(1, 1, "commanded", range(1)),
     Taught(2, 1, "commanded", range(1)),
+    Taught(9, 3, "commanded", range(3), 2.0),
 )
 
 
@@ -111,7 +121,7 @@ def _run(env_id: str, cases: Sequence[Taught], rows: Rows) -> str:
             def learner(case: Taught = case, seed: int = seed) -> DecompositionLearner:
                 return DecompositionLearner().fit(_shown(env_id, case, seed))
 
-            name = f"{case.demonstrations}-{case.mode}-{seed}"
+            name = case.name(seed)
             primitives = rows.kept(f"primitives-{name}", _primitives(learner))
             kept.append(rows.observed(name, env_id, _skill(learner), attempt, 100))
             if not found:
@@ -120,7 +130,16 @@ def _run(env_id: str, cases: Sequence[Taught], rows: Rows) -> str:
                 if not figure.exists():
                     draw(_shown(env_id, case, seed)[0], learner().decomposition_, figure)
         table.append(_summary(case, kept))
-    header = ("demonstrations", "teaching", "mean %", "worst %", "% per teaching seed", "placement [mm]", "missed")
+    header = (
+        "demonstrations",
+        "teaching",
+        "noise",
+        "mean %",
+        "worst %",
+        "% per teaching seed",
+        "placement [mm]",
+        "missed",
+    )
     return f"{markdown(header, table)}\n\n{found}"
 
 
@@ -131,7 +150,8 @@ def _summary(case: Taught, kept: Sequence[Sequence[dict[str, Any]]]) -> list[str
     missed = sorted({row["missed"] for rows in kept for row in rows} - {""})
     counts = ", ".join(f"{part} {sum(row['missed'] == part for rows in kept for row in rows)}" for part in missed)
     placement = f"{np.median(placed):.1f}" if placed and max(placed) > 0.0 else "-"
-    return [str(case.demonstrations), case.mode, f"{np.mean(rates):.1f}", f"{min(rates):.0f}", each, placement, counts]
+    taught = [str(case.demonstrations), case.mode, f"{case.noise:g}"]
+    return [*taught, f"{np.mean(rates):.1f}", f"{min(rates):.0f}", each, placement, counts]
 
 
 def _primitives(learner: Callable[[], DecompositionLearner]) -> Callable[[], Any]:
@@ -144,7 +164,7 @@ def _skill(learner: Callable[[], DecompositionLearner]) -> Callable[[], Any]:
 
 @functools.lru_cache(maxsize=1)
 def _shown(env_id: str, case: Taught, seed: int) -> Sequence[Demonstration]:
-    taught = teacher(env_id, 1.0, case.mode)
+    taught = teacher(env_id, case.noise, case.mode)
     return tuple(record(env_id, taught, case.demonstrations, seed, repeat=case.repeat).demonstrations)
 
 
