@@ -43,7 +43,10 @@ class NodeLearner(NamedTuple):
     """Name of every node of the graph."""
 
     def learn(self, node: int, data: NodeData | None, stillness: int) -> Node:
-        """The node; stillness is the longest one demonstrated, in samples. Warns of what is doubtful."""
+        """The node; stillness is the longest one demonstrated, in samples.
+
+        Where nothing tells a rare exit from a usual one, the rare one is left out. Warns of this and of what else is doubtful.
+        """
         if data is None:
             none, no_gains, no_index = np.empty(0), np.empty((0, N_COORDINATES)), np.empty(0, dtype=np.int64)
             return Node((), no_index, no_index, no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
@@ -96,11 +99,11 @@ class NodeLearner(NamedTuple):
 
 def _rarer(data: NodeData, seen: NDArray[np.int64], decision: Decision) -> tuple[int, int] | None:
     """An exit that is seldom right, see `RARE`, and the one that it is not told apart from; None if there are none."""
-    pairs = {
+    pairs = [
         (len(data.taken_by[a]) / len(data.taken_by[b]), a, b)
         for pair in _confused(data, seen, decision)
         for a, b in (pair, pair[::-1])
-    }
+    ]
     share, rarer, usual = min(pairs, default=(1.0, END, END))
     return (rarer, usual) if share < RARE else None
 
