@@ -52,13 +52,13 @@ class NodeLearner(NamedTuple):
             return Node((), no_index, no_index, no_gains, none, class_targets(node, ()), np.zeros(1), None, np.inf)
         targets = class_targets(node, data.exits)
         seen, decision = self._decision(data)
-        while (exits := _rarer(data, seen, decision)) is not None:
+        while (exits := _rarer(data, confused := _confused(data, seen, decision))) is not None:
             rarer, usual = exits
             left_out = f"{self._to(rarer)} is left out, for most demonstrations went on to {self._to(usual)}"
             _warn(f"node '{self.names[node]}': no feature that was observed tells its exits apart; {left_out}")
             data = data.without(rarer)
             seen, decision = self._decision(data)
-        self._warn(node, data, seen, decision)
+        self._warn(node, data, seen, decision, confused)
         patience = np.inf
         if self.patience is not None and not (targets[1:] == node).any():
             patience = self.patience * stillness * self.dt + PATIENCE_MARGIN
@@ -82,14 +82,16 @@ class NodeLearner(NamedTuple):
             return seen, constant_decision(len(seen), len(data.features))
         return seen, CLASSIFIERS[self.classifier](data.samples, classes, data.weights, **self.settings)[1]
 
-    def _warn(self, node: int, data: NodeData, seen: NDArray[np.int64], decision: Decision) -> None:
+    def _warn(
+        self, node: int, data: NodeData, seen: NDArray[np.int64], decision: Decision, confused: list[tuple[int, int]]
+    ) -> None:
         name = self.names[node]
         for exit_, goal in data.goal_states.items():
             if seen[int(np.argmax(decision.scores(goal)))] == STAY:
                 _warn(f"node '{name}' cannot tell its goal, where {self._to(exit_)} follows, from the way there")
         for exit_ in data.rare:
             _warn(f"at node '{name}' only one demonstration went on to {self._to(exit_)}")
-        for one, other in _confused(data, seen, decision):
+        for one, other in confused:
             taken = f"{self._to(one)} for {self._to(other)}"
             _warn(f"node '{name}' takes {taken}: no feature that was observed tells them apart")
 
@@ -97,13 +99,9 @@ class NodeLearner(NamedTuple):
         return "the end" if exit_ == END else f"'{self.names[exit_]}'"
 
 
-def _rarer(data: NodeData, seen: NDArray[np.int64], decision: Decision) -> tuple[int, int] | None:
+def _rarer(data: NodeData, confused: list[tuple[int, int]]) -> tuple[int, int] | None:
     """An exit that is seldom right, see `RARE`, and the one that it is not told apart from; None if there are none."""
-    pairs = [
-        (len(data.taken_by[a]) / len(data.taken_by[b]), a, b)
-        for pair in _confused(data, seen, decision)
-        for a, b in (pair, pair[::-1])
-    ]
+    pairs = [(len(data.taken_by[a]) / len(data.taken_by[b]), a, b) for pair in confused for a, b in (pair, pair[::-1])]
     share, rarer, usual = min(pairs, default=(1.0, END, END))
     return (rarer, usual) if share < RARE else None
 
