@@ -244,8 +244,14 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
     started.clear()
 
     def seen(self: Any, agent: Any, state: Any) -> None:
+        buffer = getattr(agent, "replay_buffer", None)
         if state["decisions"] == 192:
-            sizes.append(agent.replay_buffer.size() if hasattr(agent, "replay_buffer") else None)
+            sizes.append(None if buffer is None else buffer.size())
+        if buffer is not None:
+            n = state["decisions"] - 1
+            goes_on = np.all(buffer.next_observations[:n] == buffer.observations[1 : n + 1], axis=-1)
+            assert np.all(goes_on | (buffer.dones[:n] + buffer.timeouts[:n] > 0))
+            assert not np.all(goes_on)
         whole(self, agent, state)
 
     monkeypatch.setattr(training.TrainingFolder, "write", seen)
@@ -259,6 +265,8 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
     assert train().metadata == skill.metadata
     with pytest.raises(InvalidArgumentError, match="another training"):
         training.train(name, ENV_ID, schedule, tmp_path / "t", seed=4, demonstrations=shown)
+    with pytest.raises(InvalidArgumentError, match="192 decisions|another training"):
+        training.train(name, ENV_ID, training.Schedule(64), tmp_path / "t", seed=3, demonstrations=shown)
 
 
 def test_the_learning_rate_falls_at_the_end(training: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

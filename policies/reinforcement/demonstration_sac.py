@@ -29,6 +29,11 @@ class DemonstrationBuffer(NStepReplayBuffer):
         super().__init__(*arguments, **further)
         self.share = share
 
+    def interrupt(self) -> None:
+        """Say that what comes next does not follow what came last: another episode begins, and no sum may run across."""
+        last = self.pos - 1
+        self.timeouts[last] = np.maximum(self.timeouts[last], 1.0 - self.dones[last])
+
     def demonstrated(self, batch_size: int) -> int:
         """How many of a batch are demonstrated; they are its last ones."""
         return 0 if self.demonstrations is None else int(self.share * batch_size)

@@ -23,7 +23,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
-from lfd_gym.view import View
+from lfd_gym.view import DECISION_TIME, View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
@@ -31,7 +31,7 @@ from policies.reinforcement.checkpoint import TrainingFolder
 from policies.reinforcement.demonstrated_decisions import transitions
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.growth import Growth
-from policies.reinforcement.settings import TrainingSettings, checked_kwargs, method
+from policies.reinforcement.settings import DECIDED, TrainingSettings, checked_kwargs, method
 from policies.reinforcement.simulation_clock import SimulationClock
 from policies.skill import Skill
 
@@ -104,6 +104,10 @@ def train(
         raise InvalidArgumentError(f"method '{name}' {needs}")
     if demonstrations and check_same_environment(demonstrations) != env_id.rpartition(":")[2]:
         raise DemonstrationError(f"the demonstrations are of {demonstrations[0].env_id}, not of {env_id}")
+    for demonstration in demonstrations:
+        given = {name: value for name, value in demonstration.env_kwargs.items() if name not in DECIDED}
+        if given != json.loads(json.dumps(env_kwargs)):
+            raise DemonstrationError(f"the demonstrations were given with the arguments {given}, not with {env_kwargs}")
     seeds = tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations)
     env = partial(viewed, env_id, settings, env_kwargs, demonstrations)
     example = env()
@@ -140,8 +144,8 @@ def viewed(
     env = timed(env_id, settings.reward_type, env_kwargs)
     if settings.demonstrated_starts and demonstrations:
         env = DemonstratedStarts(env, demonstrations, settings.demonstrated_starts)
-    view = RLView(env)
-    return TimeLimit(view, settings.episode) if settings.episode else view
+    longest = max((shown.duration for shown in demonstrations), default=env.get_wrapper_attr("time_limit"))
+    return TimeLimit(RLView(env), math.ceil(settings.episode * longest / DECISION_TIME - 1e-9))
 
 
 def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bool = False) -> gymnasium.Env:
@@ -176,10 +180,15 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         agent = task.load(str(latest / "agent.zip"), envs)
         if hasattr(agent, "load_replay_buffer"):
             agent.load_replay_buffer(latest / "replay_buffer.pkl")
+            agent.replay_buffer.interrupt()
     agent.action_space.seed(seed)
     agent.set_logger(Logger(None, []))
     task.prepare(agent)
     last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
+    if state["decisions"] > last:
+        raise InvalidArgumentError(
+            f"'{folder}' has made {state['decisions']} decisions; ask for as many, or choose another --out"
+        )
     ended = 0 < schedule.episodes <= sum(state["episodes"])
     marks = [] if ended else _marks(state["decisions"], last, settings.rollout, schedule)
     for n in track(marks, len(marks), "training", schedule.progress):
