@@ -4,6 +4,7 @@ Letters are drawn in a box of width 1 and height 1, y up, as strokes of corner p
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,13 @@ def strokes(word: str) -> list[Array]:
         for i, letter in enumerate(word)
         for stroke in LETTERS[letter]
     ]
+
+
+def two_words(words: Sequence[str]) -> list[list[Array]]:
+    """The strokes of each of two words. Raises InvalidArgumentError for anything else."""
+    if isinstance(words, str) or not isinstance(words, Sequence) or len(words) != 2:
+        raise InvalidArgumentError(f"words {words!r}; possible: two words of capital letters, as ('IAS', 'HRI')")
+    return [strokes(word) for word in words]
 
 
 def sample(stroke: Array, spacing: float) -> Array:

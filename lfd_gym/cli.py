@@ -5,7 +5,6 @@ that take long to import are imported by the command that needs them, so that `-
 """
 
 import json
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -398,8 +397,6 @@ def _teacher(env_id: str, noise: float, mode: str = "commanded", settings: Mappi
     from lfd_gym.registry import arguments, look_up, task_id
     from scripted_teachers import TEACHERS
 
-    if not (math.isfinite(noise) and noise >= 0.0):
-        raise InvalidArgumentError(f"the noise is {noise:g}; it must be 0 or more (0 clean, 1 a human's)")
     teacher = look_up(TEACHERS, "teacher for", task_id(env_id))
     own = arguments(teacher).keys() - {"noise", "mode"}
     shared = {name: value for name, value in settings.items() if name in own}

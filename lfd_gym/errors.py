@@ -6,6 +6,8 @@ builtin that a caller would expect.
 
 import difflib
 from collections.abc import Iterable
+from numbers import Real
+from typing import Any
 
 
 class LfdGymError(Exception):
@@ -66,3 +68,8 @@ class MissingExtraError(LfdGymError, ImportError):
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
         """Pickle the three arguments."""
         return type(self), self.arguments
+
+
+def is_number(value: Any) -> bool:
+    """Whether a user gave a real number, Python's or numpy's; a bool is none."""
+    return isinstance(value, Real) and not isinstance(value, bool)

@@ -183,13 +183,13 @@ def draw(
 
 @njit(cache=True)
 def clearance(tip: Array, origins: Array, axes: Array) -> float:
-    """Height of a point over the board that it is over, infinite beside all boards [m]; arguments as of `draw`."""
-    lowest = np.inf
+    """Distance of a point from the nearest board, below 0 behind it [m]; arguments as of `draw`."""
+    nearest = np.inf
     for board in range(origins.shape[0]):
         x, y, z = _on_board(tip, origins[board], axes[board])
-        if abs(x) < HALF_SIZE[0] and abs(y) < HALF_SIZE[1]:
-            lowest = min(lowest, z)
-    return lowest
+        dx, dy = max(abs(x) - HALF_SIZE[0], 0.0), max(abs(y) - HALF_SIZE[1], 0.0)
+        nearest = min(nearest, math.sqrt(dx * dx + dy * dy + z * z) if dx + dy > 0.0 else z)
+    return nearest
 
 
 @njit(cache=True)

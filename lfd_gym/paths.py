@@ -22,6 +22,8 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     path = Path(path)
     if path.is_dir():
         raise InvalidArgumentError(f"cannot write '{path}': it is a folder, a file name is needed")
+    if path.exists() and not path.is_file():
+        raise InvalidArgumentError(f"cannot write '{path}': it is no regular file")
     nearest = next(folder for folder in path.absolute().parents if folder.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
         raise InvalidArgumentError(f"cannot write '{path}': '{nearest}' is no folder that can be written to")
@@ -31,9 +33,10 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path in the same folder that takes the place of `path` only if the block succeeds.
 
-    The folder is made if it is missing. Raises InvalidArgumentError where nothing can be written.
+    The folder is made if it is missing; of a symbolic link, the file that it names is written. Raises InvalidArgumentError
+    where nothing can be written.
     """
-    path = Path(path)
+    path = Path(path).resolve()
     check_writable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion
-from lfd_gym.errors import InvalidArgumentError, UnknownNameError
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError, is_number
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Perturbation:
         """Raise InvalidArgumentError for a strength that is negative or not finite."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if not isinstance(value, int | float) or not math.isfinite(value) or value < 0.0:
+            if not is_number(value) or not math.isfinite(value) or value < 0.0:
                 raise InvalidArgumentError(f"perturbation {field.name}={value!r}; possible: 0 and above")
 
     @classmethod

@@ -1,9 +1,11 @@
 """Pictures without a display: which OpenGL this machine has, and videos of what a policy does."""
 
 import importlib
+import math
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -112,10 +114,16 @@ class Viewer:
         """Open MuJoCo's viewer beside the running program."""
         import mujoco.viewer
 
+        self._data, self._began = data, -math.inf
         self._viewer = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
 
     def frame(self, decorate: Decorate) -> None:
-        """Show this moment."""
+        """Show this moment, not before its time has come: a second of the simulation lasts a second at least."""
+        began = time.monotonic() - float(self._data.time)
+        if 0.0 < (ahead := self._began - began) < 1.0:
+            time.sleep(ahead)
+        else:
+            self._began = began
         if self._viewer.user_scn is not None:
             self._viewer.user_scn.ngeom = 0
             decorate(self._viewer.user_scn)
@@ -153,12 +161,12 @@ def frames(env: Any, policy: Policy, seed: int) -> Iterator[np.ndarray]:
             yield env.render()
 
 
-def write_picture(path: str | os.PathLike[str], env: Any, policy: Policy, seed: int, time: float) -> None:
-    """Write a picture of one episode after `time` seconds, or of its end if that comes first."""
+def write_picture(path: str | os.PathLike[str], env: Any, policy: Policy, seed: int, seconds: float) -> None:
+    """Write a picture of one episode after so many seconds, or of its end if that comes first."""
     from matplotlib.image import imsave
 
     for i, _ in enumerate(rollout(env, policy, seed), start=1):
-        if i * env.unwrapped.dt >= time:
+        if i * env.unwrapped.dt >= seconds:
             break
     with written_whole(path) as temporary:
         imsave(temporary, env.render())

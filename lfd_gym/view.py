@@ -57,7 +57,14 @@ class View:
 
     @classmethod
     def of_class(cls, env_id: str, layout: ActionLayout, dt: float) -> "View":
-        """The view of a registered environment that is not made. Raises InvalidArgumentError for an unknown id."""
+        """The view of a registered environment that is not made.
+
+        Raises InvalidArgumentError for an unknown id, and where no whole number of control steps makes a decision.
+        """
+        if abs(DECISION_TIME / dt - round(DECISION_TIME / dt)) > 1e-9:
+            raise InvalidArgumentError(
+                f"control_hz {1.0 / dt:g} does not make ten decisions per second; a multiple of 10 does, as 50 or 10"
+            )
         world = environment_class(env_id)
         opened, closed = tuple(map(float, world.hand_open)), tuple(map(float, world.hand_closed))
         return cls(env_id, tuple(world.controls), tuple(world.frames), layout, opened, closed, float(dt))
@@ -65,7 +72,7 @@ class View:
     @property
     def repeats(self) -> int:
         """Control steps per decision."""
-        return max(round(DECISION_TIME / self.dt), 1)
+        return round(DECISION_TIME / self.dt)
 
     def native_action(self, decision: ArrayLike, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """The environment's own action for a decision. Raises InvalidActionError for NaN and wrong shapes."""

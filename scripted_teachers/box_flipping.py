@@ -6,7 +6,7 @@ import numpy as np
 
 from lfd_gym import quaternion
 from lfd_gym.demonstration import EntityControl, Primitive
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import InvalidArgumentError, is_number
 from scripted_teachers.noise import STEADY_POSITION, STEADY_ROTATION
 from scripted_teachers.teacher import (
     HOLD,
@@ -69,8 +69,8 @@ class BoxFlippingTeacher(ScriptedTeacher):
 
     def __init__(self, noise: float = 1.0, mode: str = "commanded", press: float | None = None) -> None:
         super().__init__(noise, mode)
-        if press is not None and not 0.0 < press <= MAX_PRESS:
-            raise InvalidArgumentError(f"press {press} N; possible: above 0, up to {MAX_PRESS:g}")
+        if press is not None and not (is_number(press) and 0.0 < press <= MAX_PRESS):
+            raise InvalidArgumentError(f"press {press!r} N; possible: above 0, up to {MAX_PRESS:g}")
         self.press = press
 
     def script(self) -> Iterator[Movement]:

@@ -30,6 +30,8 @@ PAUSE, PAUSE_SPREAD, SHORTEST_PAUSE = 0.6, 0.4, 0.1
 EARLY_PROBABILITY, EARLY_LEAST, EARLY_MOST = 0.1, 0.05, 0.15
 PULL, PULL_SPREAD, WEAKEST_PULL = 10.0, 5.0, 3.0
 THRESHOLD_SPREAD, LOWEST_THRESHOLD = 0.2, 0.2
+MOST = 10.0
+"""Largest scale; a goal is then off by 10 cm."""
 
 
 class Variation(NamedTuple):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lfd_gym import quaternion
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import EntityControl, Primitive
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import InvalidArgumentError, is_number
 from scripted_teachers import noise as noise_model
 from scripted_teachers.kinesthetic import OutsideHand
 
@@ -104,8 +104,10 @@ class ScriptedTeacher:
         if mode not in MODES:
             raise InvalidArgumentError(f"mode '{mode}'; possible: {', '.join(MODES)}")
         self.mode = mode
-        if not (np.isfinite(noise) and noise >= 0.0):
-            raise InvalidArgumentError(f"noise {noise}; possible: 0 (clean), 1 (a human's) and above")
+        if not (is_number(noise) and 0.0 <= noise <= noise_model.MOST):
+            raise InvalidArgumentError(
+                f"noise {noise!r}; possible: 0 (clean), 1 (a human's), up to {noise_model.MOST:g}"
+            )
         self.noise = float(noise)
 
     def script(self) -> Iterator[Movement]:

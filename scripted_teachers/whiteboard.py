@@ -71,7 +71,7 @@ class WhiteboardTeacher(ScriptedTeacher):
 
     def __init__(self, noise: float = 1.0, mode: str = "commanded", words: Sequence[str] = ("IAS", "HRI")) -> None:
         super().__init__(noise, mode)
-        self._strokes = [alphabet.strokes(word) for word in words]
+        self._strokes = alphabet.two_words(words)
 
     def script(self) -> Iterator[Movement]:
         """Approach, write, move over, write, withdraw."""

@@ -1,6 +1,7 @@
 """The command line: bad input is one line on stderr, an exit code, and nothing half written."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import toy
 from lfd_gym import cli
 from lfd_gym.demonstration import load_demonstrations, save_demonstrations
 from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.paths import check_writable, written_whole
 from lfd_gym.recording import record
 
 TEACHERS = {"Point-v0": "toy:PointTeacher"}
@@ -55,8 +57,9 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
     ("arguments", "says"),
     [
         (["teach", "light-bulp", "--out", "OUT"], "did you mean 'light-bulb'"),
-        (["teach", "light-bulb", "--out", "OUT", "--noise", "-1"], "0 or more"),
-        (["teach", "light-bulb", "--out", "OUT", "--noise", "nan"], "0 or more"),
+        (["teach", "light-bulb", "--out", "OUT", "--noise", "-1"], "0 (clean)"),
+        (["teach", "light-bulb", "--out", "OUT", "--noise", "nan"], "0 (clean)"),
+        (["teach", "light-bulb", "--out", "OUT", "--noise", "3000"], "up to 10"),
         (["teach", "light-bulb", "--out", "OUT", "-n", "0"], "at least 1"),
         (["teach", "light-bulb", "--out", "OUT", "--seed", "-1"], "0 or more"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "speed"], "name=value"),
@@ -69,7 +72,8 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["evaluate", "random", "light-bulp"], "did you mean 'light-bulb'"),
         (["evaluate", "random", "light-bulb", "-n", "0"], "1 or more"),
         (["evaluate", "random", "light-bulb", "--jobs", "0"], "greater than or equal to 1"),
-        (["evaluate", "teacher", "light-bulb", "--noise", "-0.5"], "0 or more"),
+        (["evaluate", "teacher", "light-bulb", "--noise", "-0.5"], "0 (clean)"),
+        (["evaluate", "teacher", "whiteboard", "--set", "words=5"], "capital letters"),
         (["evaluate", "OUT/no-skill", "light-bulb"], "no-skill"),
         (["evaluate", "random", "light-bulb", "--json", "DEMOS/report.json"], "cannot write"),
         (["evaluate", "random", "light-bulb", "--set", "name=x"], "'name'"),
@@ -87,6 +91,19 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
 def test_bad_input_is_refused_in_one_line(arguments, says, capsys, tmp_path, demos) -> None:
     named = [a.replace("OUT", str(tmp_path / "out")).replace("DEMOS", str(demos)) for a in arguments]
     assert says in refuse(named, capsys, tmp_path)
+
+
+def test_no_file_takes_the_place_of_a_pipe_or_of_a_link(tmp_path) -> None:
+    pipe, file, link = (tmp_path / name for name in ("pipe", "file", "link"))
+    os.mkfifo(pipe)
+    with pytest.raises(InvalidArgumentError, match="regular file"):
+        check_writable(pipe)
+    file.write_text("before")
+    link.symlink_to(file)
+    with written_whole(link) as temporary:
+        temporary.write_text("after")
+    assert link.is_symlink()
+    assert file.read_text() == "after"
 
 
 def test_without_a_command_the_help_is_shown(capsys) -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from lfd_gym import cli, rendering
 from lfd_gym.errors import RenderingUnavailableError
+from lfd_gym.registry import make
 
 
 def pictures(n: int, height: int = 48, width: int = 64):
@@ -64,3 +65,31 @@ def test_a_short_episode_is_filmed(monkeypatch, tmp_path) -> None:
     monkeypatch.setattr(rendering, "frames", lambda *a: (f for f, _ in zip(frames(*a), range(2), strict=False)))
     assert cli.main(["render", "random", "move-object", "--out", str(tmp_path / "film")]) == 0
     assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+def test_a_window_shows_an_episode_no_faster_than_it_happens(monkeypatch) -> None:
+    clock, drawn = [100.0], []
+
+    class Window:
+        user_scn = None
+
+        def sync(self) -> None:
+            drawn.append(clock[0])
+
+    def sleep(seconds: float) -> None:
+        clock[0] += seconds
+
+    monkeypatch.setattr(rendering.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(rendering.time, "sleep", sleep)
+    monkeypatch.setattr(rendering, "has_display", lambda: True)
+    monkeypatch.setattr("mujoco.viewer.launch_passive", lambda *a, **k: Window())
+    env = make("move-object", render_mode="human").unwrapped
+    for _ in range(2):
+        env.reset(seed=0)
+        for _ in range(5):
+            clock[0] += 0.001
+            env.step(np.zeros(env.action_space.shape))
+    shown = np.diff(drawn)
+    np.testing.assert_allclose(shown[:5], env.dt)
+    np.testing.assert_allclose(shown[6:], env.dt)
+    assert shown[5] == 0.0

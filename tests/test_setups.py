@@ -81,6 +81,8 @@ def test_setups_that_cannot_be_are_refused(env: Any, change: dict[str, Any], mes
     name = next(iter(setup))
     with pytest.raises(InvalidSetupError, match=message):
         env.reset(seed=35, options={"setup": {**setup, name: {**setup[name], **change}}})
+    assert env.setup() == setup
+    assert np.isfinite(env.step(np.zeros(env.action_space.shape))[1])
 
 
 def test_unknown_objects_and_options_are_refused(env: Any) -> None:
@@ -104,9 +106,9 @@ def test_overlapping_objects_are_refused(env: Any) -> None:
 
 def test_random_setups_pass_their_own_check_and_start_unsolved(env: Any) -> None:
     for seed in range(40, 70):
-        _, info = env.reset(seed=seed)
+        env.reset(seed=seed)
         env.check_setup(env.setup())
-        assert not info["is_success"]
+        assert not env.succeeded()
         assert env.data.ncon < 40
 
 

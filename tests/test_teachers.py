@@ -56,6 +56,7 @@ def perform(env_id: str, noise: float, seed: int, draws: int = 0, steps: int | N
     while not ended and (steps is None or len(actions) < steps):
         action, label = actor.act(observation)
         observation, _, terminated, truncated, info = env.step(action)
+        assert type(terminated) is type(info["is_success"]) is bool
         ended = terminated or truncated
         observations.append(observation)
         actions.append(action)
@@ -136,7 +137,7 @@ def test_without_noise_the_random_numbers_do_not_matter(env_id: str) -> None:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("scale", [-0.1, np.nan, np.inf])
+@pytest.mark.parametrize("scale", [-0.1, np.nan, np.inf, 3000.0, "loud"])
 def test_a_noise_that_cannot_be_is_refused(env_id: str, scale: float) -> None:
     with pytest.raises(InvalidArgumentError, match="noise"):
         teacher(env_id, noise=scale)

@@ -85,6 +85,18 @@ def test_impossible_words_say_what_is_possible(word):
 def test_environment_refuses_impossible_words(words):
     with pytest.raises(InvalidArgumentError, match="capital letters"):
         make("whiteboard", words=words)
+    with pytest.raises(InvalidArgumentError, match="capital letters"):
+        WhiteboardTeacher(words=words)
+
+
+@pytest.mark.parametrize(
+    ("tip", "distance"),
+    [((0.0, 0.0, 0.05), 0.05), ((0.0, 0.0, -0.02), -0.02), ((0.03, 0.0, 0.0), 0.03), ((0.03, 0.04, 0.12), 0.13)],
+)
+def test_a_pen_beside_a_board_is_as_far_as_its_nearest_point(tip, distance):
+    beyond = np.array(tip) + np.array([*(np.sign(tip[:2]) * ink.HALF_SIZE), 0.0])
+    origins = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    assert ink.clearance(beyond, origins, np.tile(np.eye(3).ravel(), (2, 1))) == pytest.approx(distance)
 
 
 def test_samples_are_on_the_stroke_and_evenly_spaced():

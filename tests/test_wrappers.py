@@ -49,6 +49,8 @@ def test_a_decision_lasts_a_tenth_of_a_second_whatever_the_control_rate() -> Non
         before = env.unwrapped.data.time
         env.step(np.zeros(env.action_space.shape))
         assert env.unwrapped.data.time - before == pytest.approx(0.1)
+    with pytest.raises(InvalidArgumentError, match="ten decisions"):
+        view("move-object", control_hz=25)
 
 
 def test_views_without_a_seed_differ_and_wait_for_a_reset() -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import InvalidArgumentError, is_number
 from lfd_gym.perturbation import SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
@@ -111,14 +111,14 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         EzPickle.__init__(self, *given, width, height, camera)
         if reward_type not in REWARD_TYPES:
             raise InvalidArgumentError(f"reward_type '{reward_type}'; possible: {', '.join(REWARD_TYPES)}")
-        if not isinstance(control_hz, int | float) or not control_hz > 0 or PHYSICS_HZ % control_hz:
+        if not is_number(control_hz) or not control_hz >= 1 or PHYSICS_HZ % control_hz:
             raise InvalidArgumentError(
                 f"control_hz {control_hz!r} does not divide {PHYSICS_HZ}; for example 50, 25 or 10 do"
             )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: rgb_array, human")
-        if not 0.0 < fingertip_friction <= wam.MAX_FINGERTIP_FRICTION:
-            raise InvalidArgumentError(f"fingertip_friction {fingertip_friction}; possible: above 0, up to 1.2")
+        if not is_number(fingertip_friction) or not 0.0 < fingertip_friction <= wam.MAX_FINGERTIP_FRICTION:
+            raise InvalidArgumentError(f"fingertip_friction {fingertip_friction!r}; possible: above 0, up to 1.2")
         if not isinstance(terminate_on_success, bool | np.bool_):
             raise InvalidArgumentError(f"terminate_on_success {terminate_on_success!r}; possible: true, false")
         for name, size in (("width", width), ("height", height)):
@@ -127,7 +127,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.reward_type, self.terminate_on_success = reward_type, terminate_on_success
         self.render_mode, self._size, self._camera = render_mode, (height, width), camera
         self.action_layout = self.layout
-        self.physics_dt, self.dt = 1.0 / PHYSICS_HZ, 1.0 / control_hz
+        self.physics_dt, self.dt = 1.0 / PHYSICS_HZ, 1.0 / float(control_hz)
         self._n_substeps = int(PHYSICS_HZ // control_hz)
         self.metadata = {**self.metadata, "render_fps": round(control_hz)}
 
@@ -211,17 +211,17 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         Objects that the setup does not name are drawn at random around those that it does.
 
         Raises:
-            InvalidSetupError: an object is unknown, out of reach, or overlaps another.
+            InvalidSetupError: an object is unknown, out of reach, or overlaps another; the episode before goes on.
         """
         super().reset(seed=seed)
         unknown = set(options or ()) - {"setup"}
         if unknown:
             raise InvalidArgumentError(f"reset option '{sorted(unknown)[0]}' is unknown; possible: setup")
         wanted = (options or {}).get("setup")
-        mujoco.mj_resetData(self.model, self.data)
-        self._restore_nominal()
         rng = self.np_random
         self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
+        mujoco.mj_resetData(self.model, self.data)
+        self._restore_nominal()
         self._hidden[:] = 0.0
         self.randomise(rng)
         self._schedule.draw(rng)
@@ -235,6 +235,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._held = 0.0
         self.after_physics()
         observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
         return observation, self._info(self.succeeded())
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
@@ -302,7 +304,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     # state
 
     def setup(self) -> dict[str, Any]:
-        """Where the objects stood at the reset, in the form that `options={"setup": ...}` takes."""
+        """Where the objects stood at the last reset, in the form that `options={"setup": ...}` takes."""
         return {name: dict(pose) for name, pose in self._setup.items()}
 
     def get_state(self) -> Array:
@@ -436,7 +438,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         return 0.95 * self.progress()
 
     def _info(self, holds: bool) -> dict[str, Any]:
-        success = holds and self._held >= HOLD_TIME - 1e-9
+        success = bool(holds) and self._held >= HOLD_TIME - 1e-9
         info: dict[str, Any] = {"is_success": success, "success": success, "broken": self._broken}
         info.update(zip(self._subtask_keys, map(bool, self.subtask_flags()), strict=True))
         info.update(self.measures())

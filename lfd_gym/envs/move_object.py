@@ -124,9 +124,9 @@ class MoveObjectEnv(ManipulationEnv):
         )
 
     def subtask_flags(self) -> tuple[bool, ...]:
-        """Lifted, on target, free."""
-        lifted = self._object[2] > HEIGHT + 0.02
-        return lifted, self._off_target() < TOLERANCE, not lifted and self._untouched
+        """Lifted, on target, left there."""
+        lifted, there = self._object[2] > HEIGHT + 0.02, self._off_target() < TOLERANCE
+        return lifted, there, there and not lifted and self._untouched
 
     def progress(self) -> float:
         """Reach, grip, bring nearer, let stand, let go and withdraw.

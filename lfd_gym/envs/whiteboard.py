@@ -16,7 +16,6 @@ from lfd_gym.action import ActionLayout
 from lfd_gym.compiled import bound
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
-from lfd_gym.errors import InvalidArgumentError
 
 Array = NDArray[np.float64]
 
@@ -89,10 +88,8 @@ class WhiteboardEnv(ManipulationEnv):
     )
 
     def __init__(self, words: Sequence[str] = ("IAS", "HRI"), **kwargs: Any) -> None:
-        if isinstance(words, str) or not isinstance(words, Sequence) or len(words) != len(self.frames):
-            raise InvalidArgumentError(f"words {words!r}; possible: two words of capital letters, as ('IAS', 'HRI')")
+        self._strokes = alphabet.two_words(words)
         self.words = tuple(words)
-        self._strokes = [alphabet.strokes(word) for word in self.words]
         super().__init__(**kwargs)
         EzPickle.__init__(self, self.words, **kwargs)
 
@@ -161,8 +158,8 @@ class WhiteboardEnv(ManipulationEnv):
         return _enough(self._total) and self._lifted
 
     def subtask_flags(self) -> tuple[bool, ...]:
-        """First word, second word, lifted."""
-        return _enough(self._tallies[0]), _enough(self._tallies[1]), self._lifted
+        """First word, second word, withdrawn from what was written."""
+        return _enough(self._tallies[0]), _enough(self._tallies[1]), self._lifted and self._total.coverage > 0.0
 
     def measures(self) -> dict[str, float]:
         """Coverage and precision."""
