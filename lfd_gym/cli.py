@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -303,6 +303,11 @@ def experiment(
     own = [argument for argument in arguments(run) if argument not in ("out", "quick", "jobs")]
     for unknown in [argument for argument in given if argument not in own]:
         raise InvalidArgumentError(str(UnknownNameError(f"setting of experiment '{name}'", unknown, own)))
+    hints = get_type_hints(run)
+    for setting, value in given.items():
+        if not isinstance(value, hints[setting]):
+            wanted = getattr(hints[setting], "__name__", hints[setting])
+            raise InvalidArgumentError(f"--set {setting}={value}: it must be of type {wanted}")
     file = Rows(out, quick).folder / "table.md"
     check_writable(file)
     table = run(out, quick, jobs, **given)

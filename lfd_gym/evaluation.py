@@ -149,7 +149,7 @@ def check_fits(policy: Any, env: gymnasium.Env) -> None:
         )
 
 
-def wilson_interval(successes: int, n: int, z: float = Z_95) -> tuple[float, float]:
+def wilson_interval(successes: float, n: int, z: float = Z_95) -> tuple[float, float]:
     """Wilson's score interval of a success rate (Wilson 1927); z is the normal quantile, 95 % by default."""
     rate = successes / n
     centre = (rate + z * z / (2 * n)) / (1 + z * z / n)

@@ -83,6 +83,8 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "width=0"], "width"),
         (["render", "random", "nowhere", "--out", "OUT"], "light-bulb"),
         (["bench", "nowhere"], "light-bulb"),
+        (["experiment", "finetuning", "--out", "OUT", "--set", "setups=many"], "must be of type int"),
+        (["experiment", "finetuning", "--out", "OUT", "--set", "only=blackboard"], "no row begins with 'blackboard'"),
         (["teach", "light-bulb"], "--out"),
         (["dance"], "'dance'"),
         (["envs", "--loud"], "--loud"),

@@ -95,23 +95,25 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     for env_id, by_method in grouped(rows).items():
         reference = by_setup(next(iter(by_method.values())))
         for method, own in by_method.items():
-            successes = sum(e["success"] for row in own for e in row["report"]["episodes"])
-            n = sum(len(row["report"]["episodes"]) for row in own)
+            rates = by_setup(own)
             facts = {name: _mean_fact(own, name) for name in own[0]["facts"]}
             methods.append(
                 {
                     "env_id": env_id, "method": method, "seeds": [row["job"]["seed"] for row in own],
                     "evaluation_seeds": [e["seed"] for e in own[0]["report"]["episodes"]],
-                    "success_rate": successes / n, "wilson": list(wilson_interval(successes, n)),
+                    "success_rate": float(rates.mean()), "wilson": list(wilson_interval(float(rates.sum()), len(rates))),
                     "per_seed": [row["report"]["success_rate"] for row in own], **facts,
-                    "minus_first": paired(by_setup(own), reference)._asdict(),
+                    "minus_first": paired(rates, reference)._asdict(),
                 }
             )  # fmt: skip
     return {"schema": SCHEMA, "methods": methods, "versions": versions()}
 
 
 def draw(rows: Sequence[Row], folder: Path) -> None:
-    """`<task>.png`: success over simulated hours and over wall-clock; what does not train is a point."""
+    """`<task>.png`: success over simulated hours and over wall-clock.
+
+    A curve is of the 20 development setups that a training looks at, a point of the setups of the comparison.
+    """
     for env_id, methods in grouped(rows).items():
         figure, axes = panels(2)
         for panel, (key, label) in zip(
@@ -119,16 +121,15 @@ def draw(rows: Sequence[Row], folder: Path) -> None:
         ):
             for i, (method, own) in enumerate(methods.items()):
                 colour = i % len(COLOURS)
+                rate = 100.0 * by_setup(own).mean()
+                marker = "s" if i < len(COLOURS) else "D"
                 if own[0]["curve"]:
                     x, successes, n = _curve(own, key)
                     low, high = np.transpose(
                         [wilson_interval(int(s), int(m)) for s, m in zip(successes, n, strict=True)]
                     )
-                    curve(panel, x, 100 * successes / n, 100 * low, 100 * high, colour, method)
-                else:
-                    rate = 100.0 * by_setup(own).mean()
-                    marker = "s" if i < len(COLOURS) else "D"
-                    panel.plot(max(_mean_fact(own, key), 1e-3), rate, marker, color=COLOURS[colour], label=method)
+                    curve(panel, x, 100 * successes / n, 100 * low, 100 * high, colour, f"{method}, development setups")
+                panel.plot(max(_mean_fact(own, key), 1e-3), rate, marker, color=COLOURS[colour], label=method)
             panel.set_xscale("log")
             panel.set_xlabel(label)
             panel.set_ylim(-2.0, 102.0)
@@ -139,13 +140,13 @@ def draw(rows: Sequence[Row], folder: Path) -> None:
 
 
 def _curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], ...]:
-    """Mean abscissa, successes and episodes of the evaluations that every seed has."""
+    """Mean abscissa, successes and episodes of the evaluations that every seed has; it ends where the rows say."""
     n = min(len(row["curve"]) for row in rows)
     x = np.mean([[point[key] for point in row["curve"][:n]] for row in rows], axis=0)
     counts = (
         np.sum([[p[name] for p in row["curve"][:n]] for row in rows], axis=0) for name in ("successes", "episodes")
     )
-    return (x, *counts)
+    return (x + _mean_fact(rows, key) - x[-1], *counts)
 
 
 def _mean_fact(rows: Sequence[Row], name: str) -> float:

@@ -84,11 +84,14 @@ def run(out: Path, quick: bool, jobs: int, setups: int = 500, episodes: int = 40
         episodes: of a practice.
         only: such as "whiteboard-moa-noise-3"; all rows if empty.
 
-    Raises InvalidArgumentError, before anything is practised, where a row that is needed was made with other numbers.
+    Raises InvalidArgumentError, before anything is practised, where no row begins so, or one that is needed was made with
+    other numbers.
     """
     rows, table = Rows(out, quick, jobs), []
     practised = QUICK_PRACTICE if quick else episodes
     asked = [(case, method, f"{case.name}-{method}") for case in CASES for method in case.methods]
+    if not any(name.startswith(only) for *_, name in asked):
+        raise InvalidArgumentError(f"no row begins with '{only}'; there are {', '.join(name for *_, name in asked)}")
     for case, _, name in asked:
         if name.startswith(only):
             _check(rows, case.name, setups)

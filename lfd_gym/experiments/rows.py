@@ -138,14 +138,14 @@ def _run(
 
 def rate(successes: float, n: int) -> str:
     """ "97 [91, 99]": successes in percent with their 95 % Wilson interval."""
-    low, high = wilson_interval(round(successes), n)
+    low, high = wilson_interval(successes, n)
     return f"{100 * successes / n:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
 def success(reports: Sequence[Mapping[str, Any]]) -> str:
-    """`rate` of all episodes of some evaluations."""
-    episodes = [episode for report in reports for episode in report["episodes"]]
-    return rate(sum(episode["success"] for episode in episodes), len(episodes))
+    """`rate` of some policies on the same setups: their mean, with its interval over setups."""
+    solved = [sum(episode["success"] for episode in report["episodes"]) for report in reports]
+    return rate(sum(solved) / len(solved), len(reports[0]["episodes"]))
 
 
 def missed(report: Mapping[str, Any]) -> str:

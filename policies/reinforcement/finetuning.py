@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from lfd_gym.errors import InvalidArgumentError
-from lfd_gym.registry import environment_id, look_up
+from lfd_gym.evaluation import check_fits
+from lfd_gym.registry import environment_id, look_up, make
 from policies.reinforcement.practice import SEEDS_PER_PRACTICE, Practice, practise, scores
 from policies.reinforcement.settings import checked_kwargs
 from policies.skill import Skill
@@ -45,13 +46,14 @@ def finetune(
 ) -> Skill:
     """The skill after about so many episodes of practice; `folder` keeps checkpoints of the methods that have them.
 
-    Raises UnknownNameError for an unknown method, and InvalidArgumentError for a skill of another environment, one that the
-    method cannot practise, arguments that the method decides, and fewer than 16 episodes.
+    Raises UnknownNameError for an unknown method, and InvalidArgumentError for a skill of another environment or control step,
+    one that the method cannot practise, arguments that the method decides, and fewer than 16 episodes.
     """
     method = look_up(FINETUNERS, "method", name)
     env_id, kwargs = environment_id(env_id), checked_kwargs(env_kwargs or {})
-    if skill.env_id != env_id.rpartition(":")[2]:
-        raise InvalidArgumentError(f"this skill was taught for {skill.env_id}, not for {env_id}; practise it there")
+    env = make(env_id, **kwargs)
+    check_fits(skill, env)
+    env.close()
     if episodes < FEWEST:
         raise InvalidArgumentError(f"{episodes} episodes; at least {FEWEST} are needed")
     checked = min(MOST_CHECKED, episodes // FEWEST)

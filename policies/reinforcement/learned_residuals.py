@@ -71,10 +71,10 @@ def _trained(
     decisions_per_second: float,
 ) -> Practised:
     example = env()
-    most = float(example.unwrapped.time_limit) * decisions_per_second
+    most = round(float(example.unwrapped.time_limit) * decisions_per_second * practice.episodes)
     example.close()
     schedule = Schedule(
-        round(most * practice.episodes), episodes=practice.episodes, evaluate_every=0, progress=practice.progress
+        most, min(most // 10, 25_000), evaluate_every=0, episodes=practice.episodes, progress=practice.progress
     )
     task = Task(how, env, export, lambda agent: None, practice.env_id, practice.env_kwargs, practice.seed, make, load_)
     identity = {"skill": practice.skill.kind, "contents": joblib.hash(practice.skill.to_arrays())}
