@@ -42,7 +42,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 $(VENV)/installed-dev: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) -e '.[dev,rl]'
+	$(INSTALL) -e '.[data,dev,rl]'
 	touch $@ $(VENV)/installed
 
 clean:

@@ -6,19 +6,18 @@ that take long to import are imported by the command that needs them, so that `-
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, get_type_hints
 
 import typer
 
+from lfd_gym import cli_names
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.paths import check_writable
 
 EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
 """Unseen setups of the demo, and the seed of the first one."""
-NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
 INTERRUPTED = 130
 """Exit code of a command that was interrupted from the keyboard."""
 
@@ -80,10 +79,10 @@ def demo(
     check_writable(out / "index.html")
     episodes = QUICK_EPISODES if quick else EPISODES
     print(f"1/4  a scripted teacher demonstrates {env_id} three times", flush=True)
-    recording = record(env_id, _teacher(env_id, 1.0), n=3, seed=seed, progress=True)
+    recording = record(env_id, cli_names.teacher(env_id, 1.0), n=3, seed=seed, progress=True)
     save_demonstrations(out / "demonstrations.h5", recording.demonstrations)
     print("2/4  a sequence graph is learned from the demonstrations", flush=True)
-    skill = _learner("sequence-graph", {}).fit(recording.demonstrations).skill_
+    skill = cli_names.learner("sequence-graph", {}).fit(recording.demonstrations).skill_
     skill.save(out / "skill.npz")
     print(f"3/4  the skill is tried on {episodes} setups that it has never seen", flush=True)
     evaluation = run_evaluation(env_id, skill, episodes, FIRST_SEED, jobs=jobs, progress=True)
@@ -121,9 +120,9 @@ def teach(
     from lfd_gym.recording import record
     from lfd_gym.registry import environment_id
 
-    env_id, chosen = environment_id(env), parse_settings(settings)
+    env_id, chosen = environment_id(env), cli_names.parse_settings(settings)
     check_writable(out)
-    teacher = _teacher(env_id, noise, mode, chosen)
+    teacher = cli_names.teacher(env_id, noise, mode, chosen)
     demonstrations, discarded = record(env_id, teacher, n=n, seed=seed, env_kwargs=chosen, progress=True, repeat=repeat)
     save_demonstrations(out, demonstrations)
     print(f"{'demonstration':<15}{'seconds':>8}{'primitives':>12}")
@@ -144,8 +143,8 @@ def learn(
 ) -> None:
     """Learn a skill from demonstrations."""
     check_writable(out)
-    chosen = parse_settings(settings)
-    learner = _learner(method, chosen)
+    chosen = cli_names.parse_settings(settings)
+    learner = cli_names.learner(method, chosen)
     from lfd_gym.demonstration import check_same_environment, load_demonstrations
 
     taught = [demonstration for path in demonstrations for demonstration in load_demonstrations(path)]
@@ -180,7 +179,7 @@ def train(
     from lfd_gym.registry import environment_id, load
 
     check_writable(out)
-    env_id, chosen = environment_id(env), parse_settings(settings)
+    env_id, chosen = environment_id(env), cli_names.parse_settings(settings)
     shown = [demonstration for path in demos or () for demonstration in load_demonstrations(path)]
     schedule = load("policies.reinforcement.training:Schedule")(
         steps, checkpoint_every=checkpoint_every, evaluate_every=evaluate_every, progress=True
@@ -211,7 +210,7 @@ def finetune(
     from policies import load_skill
 
     check_writable(out)
-    start, chosen = load_skill(skill), parse_settings(settings)
+    start, chosen = load_skill(skill), cli_names.parse_settings(settings)
     practised = load("policies.reinforcement.finetuning:finetune")(
         method, start, env, episodes, _beside(out), seed=seed, env_kwargs=chosen, jobs=jobs, progress=True
     )
@@ -242,8 +241,8 @@ def evaluate(
 
     if json_path is not None:
         check_writable(json_path)
-    env_id, chosen = environment_id(env), parse_settings(settings)
-    policy = _policy(skill, env_id, noise, mode, chosen)
+    env_id, chosen = environment_id(env), cli_names.parse_settings(settings)
+    policy = cli_names.policy(skill, env_id, noise, mode, chosen)
     report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=chosen, progress=True)
     print(report.table())
     if json_path is not None:
@@ -267,11 +266,11 @@ def render(
     from lfd_gym.evaluation import check_fits
     from lfd_gym.registry import environment_id, make
 
-    env_id, chosen, path = environment_id(env), parse_settings(settings), rendering.video_path(out)
+    env_id, chosen, path = environment_id(env), cli_names.parse_settings(settings), rendering.video_path(out)
     check_writable(path)
     if "render_mode" in chosen:
         raise InvalidArgumentError("'render' decides the render_mode itself; leave it out")
-    policy = _policy(skill, env_id, noise, mode, chosen)
+    policy = cli_names.policy(skill, env_id, noise, mode, chosen)
     rendering.prepare()
     size = {"width": 960, "height": 720} if path.suffix == ".png" else {}
     world = make(env_id, render_mode="rgb_array", **(size | chosen))
@@ -299,7 +298,7 @@ def experiment(
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import arguments, look_up
 
-    run, given = look_up(EXPERIMENTS, "experiment", name), parse_settings(settings)
+    run, given = look_up(EXPERIMENTS, "experiment", name), cli_names.parse_settings(settings)
     own = [argument for argument in arguments(run) if argument not in ("out", "quick", "jobs")]
     for unknown in [argument for argument in given if argument not in own]:
         raise InvalidArgumentError(str(UnknownNameError(f"setting of experiment '{name}'", unknown, own)))
@@ -356,6 +355,25 @@ def compare(
 
 
 @app.command()
+def export(
+    demonstrations: Annotated[Path, typer.Argument(metavar="DEMOS", help="HDF5 file of 'lfd-gym teach'.")],
+    out: Annotated[Path, typer.Option(help="Folder of data sets: Minari's MINARI_DATASETS_PATH.")],
+    name: Annotated[str | None, typer.Option(help="Id of the data set; TASK/FILE-v0 if left out.")] = None,
+    to: Annotated[str, typer.Option(help="'minari', the one format there is.")] = "minari",
+) -> None:
+    """Write demonstrations as a data set of another library."""
+    from lfd_gym.demonstration import load_demonstrations
+    from lfd_gym.export import to_minari
+    from lfd_gym.registry import kebab_case
+
+    if to != "minari":
+        raise UnknownNameError("format", to, ["minari"])
+    shown = load_demonstrations(demonstrations)
+    dataset_id = name or f"{kebab_case(shown[0].env_id)}/{demonstrations.stem}-v0"
+    print(f"written to {to_minari(shown, out, dataset_id)}; minari.load_dataset('{dataset_id}') reads it")
+
+
+@app.command()
 def bench(
     env: Annotated[str | None, typer.Argument(metavar="[ENV]", help="One task; all if left out.")] = None,
     json_path: Annotated[Path | None, typer.Option("--json", help="File for the figures as data.")] = None,
@@ -368,7 +386,7 @@ def bench(
     if json_path is not None:
         check_writable(json_path)
     ids = list(ENVIRONMENTS) if env is None else [environment_id(env)]
-    rows = [benchmark(env_id, _policy("teacher", env_id, 1.0)) for env_id in ids]
+    rows = [benchmark(env_id, cli_names.policy("teacher", env_id, 1.0)) for env_id in ids]
     print(table(rows))
     if json_path is not None:
         with written_whole(json_path) as temporary:
@@ -383,57 +401,9 @@ def doctor() -> None:
     print(table(examine()))
 
 
-def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
-    """`name=value` texts as a dictionary; a value is JSON, True, False, None or else a string. Raises InvalidArgumentError."""
-    parsed: dict[str, Any] = {}
-    for text in settings or ():
-        name, separator, value = text.partition("=")
-        if not (separator and name.isidentifier()):
-            raise InvalidArgumentError(f"--set {text}: it must read name=value, such as control_hz=25")
-        try:
-            parsed[name] = json.loads({"True": "true", "False": "false", "None": "null"}.get(value, value))
-        except json.JSONDecodeError:
-            parsed[name] = value
-    return parsed
-
-
-def _teacher(env_id: str, noise: float, mode: str = "commanded", settings: Mapping[str, Any] = NO_SETTINGS) -> Any:
-    """The teacher of an environment; settings of the environment that concern the teacher too, such as `words`, reach it."""
-    from lfd_gym.registry import arguments, look_up, task_id
-    from scripted_teachers import TEACHERS
-
-    teacher = look_up(TEACHERS, "teacher for", task_id(env_id))
-    own = arguments(teacher).keys() - {"noise", "mode"}
-    shared = {name: value for name, value in settings.items() if name in own}
-    return teacher(noise=noise, mode=mode, **shared)
-
-
-def _learner(method: str, settings: dict[str, Any]) -> Any:
-    from lfd_gym.registry import check_arguments, look_up
-    from policies import LEARNERS
-
-    learner = look_up(LEARNERS, "method", method)
-    check_arguments(learner, settings, f"method '{method}'")
-    return learner(**settings)
-
-
 def _beside(out: Path) -> Path:
     """The folder of the checkpoints of the training that makes a skill."""
     return out.with_name(out.name + ".training")
-
-
-def _policy(
-    skill: str, env_id: str, noise: float, mode: str = "commanded", settings: Mapping[str, Any] = NO_SETTINGS
-) -> Any:
-    from lfd_gym.rollout import RandomPolicy, TeacherPolicy
-
-    if skill == "teacher":
-        return TeacherPolicy(_teacher(env_id, noise, mode, settings))
-    if skill == "random":
-        return RandomPolicy()
-    from policies import load_skill
-
-    return load_skill(Path(skill))
 
 
 def _complain(message: str, code: int) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import toy
 
-from lfd_gym import cli
+from lfd_gym import cli, cli_names
 from lfd_gym.demonstration import load_demonstrations, save_demonstrations
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.paths import check_writable, written_whole
@@ -123,11 +123,11 @@ def test_truncated_and_foreign_demonstrations_are_refused(capsys, tmp_path, trun
 
 
 def test_values_of_settings_are_json_or_else_text() -> None:
-    parsed = cli.parse_settings(["a=1", "b=0.5", "c=dense", "d=[1, 2]", "e=true", "f=null", "g=x=y", "h=False"])
+    parsed = cli_names.parse_settings(["a=1", "b=0.5", "c=dense", "d=[1, 2]", "e=true", "f=null", "g=x=y", "h=False"])
     assert parsed == {"a": 1, "b": 0.5, "c": "dense", "d": [1, 2], "e": True, "f": None, "g": "x=y", "h": False}
     for wrong in ("a", "=1", "a b=1"):
         with pytest.raises(InvalidArgumentError, match="name=value"):
-            cli.parse_settings([wrong])
+            cli_names.parse_settings([wrong])
 
 
 def test_teach_and_evaluate_write_what_they_say(monkeypatch, capsys, tmp_path) -> None:

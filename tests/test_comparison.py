@@ -132,7 +132,7 @@ def test_a_killed_comparison_repeats_no_finished_row(tmp_path: Path, monkeypatch
     with pytest.raises(UnknownNameError, match="loky"):
         compare(Comparison([ENV_ID], ("moa",), range(1), episodes=2, backend="lokey"), tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InvalidArgumentError, match="pip install ray"):
+    with pytest.raises(InvalidArgumentError, match="cluster"):
         compare(Comparison([ENV_ID], ("teacher",), range(1), episodes=2, backend="ray"), tmp_path)
     assert [job.name for job in Comparison([ENV_ID] * 2, ("teacher",) * 2).jobs()] == ["move-object-teacher-0"]
 

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("lfd_gym", "policies", "scripted_teachers")
-PROGRAMS = ("lfd_gym.cli", "lfd_gym.experiments", "lfd_gym.report")
+PROGRAMS = ("lfd_gym.cli", "lfd_gym.cli_names", "lfd_gym.experiments", "lfd_gym.report")
 OPTIONAL = ("torch", "stable_baselines3", "sb3_contrib", "cma", "minari", "ray")
 PHYSICS = ("mujoco", "dm_control")
 

@@ -97,4 +97,4 @@ class PointPolicy:
 
 ENV_ID = "toy:Point-v0"
 if "Point-v0" not in gymnasium.registry:
-    gymnasium.register("Point-v0", entry_point=PointEnv, max_episode_steps=40)
+    gymnasium.register("Point-v0", entry_point="toy:PointEnv", max_episode_steps=40)

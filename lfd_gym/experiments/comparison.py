@@ -124,7 +124,7 @@ def compare(comparison: Comparison, out: Path, quick: bool = False, processes: i
     if comparison.backend not in BACKENDS:
         raise UnknownNameError("back end", comparison.backend, BACKENDS)
     if comparison.backend == "ray" and importlib.util.find_spec("ray") is None:
-        raise InvalidArgumentError("the back end 'ray' needs the package ray: pip install ray")
+        raise InvalidArgumentError("the back end 'ray' needs the package ray: pip install 'lfd-gym[cluster]'")
     if not finished:
         for method in dict.fromkeys(job.method for job in missing):
             check_can_run(method)

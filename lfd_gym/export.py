@@ -1,0 +1,101 @@
+"""Demonstrations as a data set of Minari, from which libraries of offline reinforcement learning read."""
+
+import importlib
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfd_gym.demonstration import NO_LABEL, Demonstration, check_same_environment
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
+from lfd_gym.paths import check_writable
+from lfd_gym.registry import make
+
+ROOT = "MINARI_DATASETS_PATH"
+"""Environment variable in which Minari looks for the folder of its data sets."""
+DATASET_ID = re.compile(r"([\w-]+/)?[\w-]+-v\d+")
+
+
+def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[str], dataset_id: str) -> Path:
+    """Write a data set below the folder `root`, whole or not at all, and return its own folder.
+
+    `MINARI_DATASETS_PATH=root` lets `minari.load_dataset(dataset_id)` find it. Its environment is the one that was
+    demonstrated in. The infos of an episode are "label", the primitive that led to an observation (-1 for the first and
+    where there is none), and "state", which `set_state` takes.
+
+    Raises MissingExtraError without the extra `data`, DemonstrationError for demonstrations of several environments, and
+    InvalidArgumentError for an id that is malformed or taken and for an environment that is not registered by a string.
+    """
+    minari = _minari()
+    env_id = check_same_environment(demonstrations)
+    first = demonstrations[0]
+    if any(demonstration.env_kwargs != first.env_kwargs for demonstration in demonstrations):
+        raise DemonstrationError(
+            "the demonstrations were given with several arguments of the environment; one is needed"
+        )
+    if not DATASET_ID.fullmatch(dataset_id):
+        raise InvalidArgumentError(f"'{dataset_id}' is no id of a data set; it must read name-v0, or task/name-v0")
+    folder = Path(root) / dataset_id
+    if folder.exists():
+        raise InvalidArgumentError(f"there is a data set '{folder}' already; choose another name")
+    check_writable(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    env = make(env_id, **first.env_kwargs)
+    if env.spec is None or callable(env.spec.entry_point):
+        raise InvalidArgumentError(
+            f"{env_id} is registered by its class; register it as 'module:Class', which can be stored"
+        )
+    try:
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary, _below(temporary):
+            minari.create_dataset_from_buffers(
+                dataset_id,
+                [_episode(minari, i, demonstration) for i, demonstration in enumerate(demonstrations)],
+                env=env,
+                algorithm_name="{name}, noise {noise}, {mode}".format(**first.teacher),
+                description="Demonstrations of a scripted teacher of lfd_gym.",
+                requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
+            )
+            (Path(temporary) / dataset_id).rename(folder)
+    finally:
+        env.close()
+    return folder
+
+
+def _minari() -> Any:
+    try:
+        return importlib.import_module("minari")
+    except ImportError as error:
+        raise MissingExtraError("export", "data", "minari") from error
+
+
+@contextmanager
+def _below(root: str) -> Iterator[None]:
+    """Minari's folder, for as long as the block runs."""
+    before = os.environ.get(ROOT)
+    os.environ[ROOT] = root
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[ROOT]
+        else:
+            os.environ[ROOT] = before
+
+
+def _episode(minari: Any, i: int, demonstration: Demonstration) -> Any:
+    ends = np.arange(1, len(demonstration) + 1) == len(demonstration)
+    return minari.data_collector.EpisodeBuffer(
+        id=i,
+        seed=demonstration.seed["reset"],
+        observations=dict(demonstration.observations),
+        actions=demonstration.actions,
+        rewards=demonstration.rewards.tolist(),
+        terminations=(ends & demonstration.success).tolist(),
+        truncations=(ends & (not demonstration.success)).tolist(),
+        infos={"label": np.concatenate([[NO_LABEL], demonstration.labels]), "state": demonstration.states},
+    )

@@ -1,0 +1,80 @@
+"""Demonstrations as a data set of another library: it reads what was measured, and can do it again."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+
+from lfd_gym import cli
+from lfd_gym.demonstration import Demonstration, save_demonstrations
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
+from lfd_gym.export import ROOT, to_minari
+from lfd_gym.recording import record
+
+minari = pytest.importorskip("minari", reason="needs the extra 'data'")
+ID = "point/noisy-v3"
+
+
+@pytest.fixture(scope="module")
+def shown() -> list[Demonstration]:
+    return record(toy.ENV_ID, toy.PointTeacher(), n=2, seed=0, env_kwargs={"speed": 2.0}).demonstrations
+
+
+def test_minari_reads_what_was_measured_and_makes_the_environment(shown, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.delenv(ROOT, raising=False)
+    assert to_minari(shown, tmp_path / "sets", ID) == tmp_path / "sets" / ID
+    assert ROOT not in os.environ
+    monkeypatch.setenv(ROOT, str(tmp_path / "sets"))
+    read = minari.load_dataset(ID)
+    assert read.total_episodes == 2
+    for episode, demonstration in zip(read, shown, strict=True):
+        assert set(episode.observations) == set(demonstration.observations)
+        for name, rows in demonstration.observations.items():
+            np.testing.assert_array_equal(episode.observations[name], rows)
+        np.testing.assert_array_equal(episode.actions, demonstration.actions)
+        np.testing.assert_array_equal(episode.rewards, demonstration.rewards)
+        np.testing.assert_array_equal(episode.infos["label"][1:], demonstration.labels)
+        np.testing.assert_array_equal(episode.infos["state"], demonstration.states)
+        assert episode.terminations.tolist() == [False] * (len(demonstration) - 1) + [True]
+        assert not episode.truncations.any()
+    env = read.recover_environment()
+    (facts,) = read.storage.get_episode_metadata([1])
+    observation, _ = env.reset(seed=facts["seed"])
+    for action in shown[1].actions:
+        observation, *_ = env.step(action)
+    for name, value in observation.items():
+        np.testing.assert_array_equal(value, shown[1].observations[name][-1])
+
+
+def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: Path, monkeypatch) -> None:
+    for dataset_id in ("point", "a/b/c-v0", "../point-v0", ""):
+        with pytest.raises(InvalidArgumentError, match="no id of a data set"):
+            to_minari(shown, tmp_path / "sets", dataset_id)
+    other = record(toy.ENV_ID, toy.PointTeacher(), n=1, seed=1).demonstrations
+    with pytest.raises(DemonstrationError, match="several arguments"):
+        to_minari([*shown, *other], tmp_path / "sets", ID)
+
+    def broken(*arguments, **further):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(minari, "create_dataset_from_buffers", broken)
+    with pytest.raises(KeyboardInterrupt):
+        to_minari(shown, tmp_path / "sets", ID)
+    assert [path for path in (tmp_path / "sets").rglob("*") if path.name != "point"] == []
+    monkeypatch.setitem(sys.modules, "minari", None)
+    with pytest.raises(MissingExtraError, match=r"lfd-gym\[data\]"):
+        to_minari(shown, tmp_path / "sets", ID)
+
+
+def test_the_command_names_the_data_set_after_task_and_file(shown, tmp_path: Path, capsys) -> None:
+    file = tmp_path / "noisy.h5"
+    save_demonstrations(file, shown)
+    assert cli.main(["export", str(file), "--out", str(tmp_path / "sets")]) == 0
+    assert "minari.load_dataset('point/noisy-v0')" in capsys.readouterr().out
+    assert cli.main(["export", str(file), "--out", str(tmp_path / "sets")]) == 2
+    assert "already" in capsys.readouterr().err
+    assert cli.main(["export", str(file), "--to", "lerobot", "--out", str(tmp_path / "sets")]) == 2
+    assert "possible: minari" in capsys.readouterr().err
