@@ -47,11 +47,16 @@ class DecompositionLearner(Learner):
     def learn(self, demonstrations: Sequence[Demonstration]) -> Skill:
         """The decomposition, then labels from it, then the skill.
 
-        Raises DemonstrationError where nothing moves, nothing pauses, or the force sensor has an offset; warns with
-        `DecompositionWarning` of what will not be decomposed well.
+        Raises InvalidArgumentError or UnknownNameError for an argument that is not possible, and DemonstrationError where
+        nothing moves, nothing pauses, or the force sensor has an offset; warns with `DecompositionWarning` of what will not
+        be decomposed well.
         """
+        of_the_graph = {name: value for name, value in self.get_params().items() if name != "method"}
+        learner = SequenceGraphLearner(**of_the_graph, outliers="keep")
+        learner.check_arguments()
+        decompose = method_named(self.method)
         check_demonstrations(demonstrations)
-        self.decomposition_ = method_named(self.method)(demonstrations)
+        self.decomposition_ = decompose(demonstrations)
         labels, primitives = labelled(demonstrations, self.decomposition_)
         for i, own in enumerate(labels):
             if (own == own[0]).all():
@@ -63,6 +68,4 @@ class DecompositionLearner(Learner):
             dataclasses.replace(demonstration, labels=own, primitives=primitives)
             for demonstration, own in zip(demonstrations, labels, strict=True)
         ]
-        of_the_graph = {name: value for name, value in self.get_params().items() if name != "method"}
-        learner = SequenceGraphLearner(**of_the_graph, outliers="keep")
         return learner.fit(taught).skill_

@@ -22,7 +22,7 @@ class Learner(BaseEstimator, ABC):
     """
 
     needs: tuple[str, ...] = ("tool_position", "tool_quaternion")
-    """Observations that must be there."""
+    """Observations that must be there, with "hand_position" where the action has a hand."""
     reads: tuple[str, ...] = ("wrench", "hand_", "frame_")
     """Beginnings of the names of those that it reads besides, where they are there."""
     needs_labels = True
@@ -52,7 +52,8 @@ class Learner(BaseEstimator, ABC):
         return self
 
     def _check_one(self, name: str, demonstration: Demonstration) -> None:
-        missing = [need for need in self.needs if need not in demonstration.observations]
+        needs = (*self.needs, "hand_position") if len(demonstration.action_layout["hand_low"]) else self.needs
+        missing = [need for need in needs if need not in demonstration.observations]
         if missing:
             raise DemonstrationError(f"{name} has no observation '{missing[0]}', which this method needs")
         for key, values in demonstration.observations.items():

@@ -35,6 +35,8 @@ PRIOR_WEIGHT = 6.0
 """So many demonstrations is the knowledge of what is usual worth."""
 CONTACT_FRACTION = 0.5
 """A force counts as steady above this fraction of its 90 % quantile within the segment."""
+LEAST_FORCE = 0.1
+"""Of what is pressed by less than this [N], as with a sensor that measures nothing, no ratio is taken."""
 START = -1
 """What comes before the first primitive."""
 
@@ -144,7 +146,7 @@ def _traits(demonstrations: Sequence[Demonstration]) -> Iterator[Trait]:
         pairs = list(zip(demonstrations, own, strict=True))
         if "force" in primitive.position.axes:
             forces = [[_press(d, part, primitive.position) for part in parts] for d, parts in pairs]
-            levels = [np.log([[np.median(f)]]) if f else np.empty((0, 1)) for f in forces]
+            levels = [np.log([[max(np.median(f), LEAST_FORCE)]]) if f else np.empty((0, 1)) for f in forces]
             yield Trait(levels, USUAL["force"], _ratio(primitive.name, "presses with", "N"))
             continue
         seconds = [np.array([part.stop - part.start for part in parts]).reshape(-1, 1) * d.dt for d, parts in pairs]

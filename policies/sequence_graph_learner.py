@@ -9,19 +9,20 @@ from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import Demonstration
-from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
-from policies.features import FORCE, measure, primitive_table
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError, is_number
+from policies.features import FORCE, POSITION, measure, primitive_table
 from policies.goal_distance import KINDS
 from policies.goals import TIMES, NormalisedTime
 from policies.learner import Learner
-from policies.movement_primitives import learn_primitives
+from policies.movement_primitives import MovementPrimitives, learn_primitives
 from policies.named_observations import named_observations
 from policies.node_learner import NodeLearner
 from policies.object_motion import motion_observations
-from policies.outliers import find_outliers
+from policies.outliers import LEAST_FORCE, find_outliers
 from policies.passages import PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
 from policies.sequence_graph_skill import SequenceGraphSkill, longest_stillness
+from policies.task_space import AXES
 from policies.transition_data import TransitionData
 from policies.transitions import CLASSIFIERS, KERNELS
 
@@ -30,6 +31,10 @@ OUTLIERS = ("warn", "drop", "keep")
 
 class OutlierWarning(UserWarning):
     """A demonstration is unlike the others."""
+
+
+class ForceWarning(UserWarning):
+    """A primitive that is to press never did."""
 
 
 class SequenceGraphLearner(Learner):
@@ -79,7 +84,7 @@ class SequenceGraphLearner(Learner):
 
     def learn(self, demonstrations: Sequence[Demonstration]) -> SequenceGraphSkill:
         """Goals first, then the graph, then one classifier per node."""
-        self._check_arguments()
+        self.check_arguments()
         first = demonstrations[0]
         names = tuple(primitive.name for primitive in first.primitives)
         table = primitive_table(first.primitives, list(first.observations))
@@ -89,6 +94,7 @@ class SequenceGraphLearner(Learner):
         measurements = [measure(demonstration.observations, table.frames) for demonstration in demonstrations]
         labels = [demonstration.labels for demonstration in demonstrations]
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
+        _warn_of_missing_forces(primitives, labels)
         graph = self._sequence_graph(labels)
         wanted = () if self.observations is None and self.feature == "primitive" else self.observations
         seen = [
@@ -125,6 +131,21 @@ class SequenceGraphLearner(Learner):
             metadata={"learner": self._summary(), "parameters": self.get_params(), "taught_with": len(demonstrations)},
         )
 
+    def check_arguments(self) -> None:
+        """Raise UnknownNameError or InvalidArgumentError for an argument of the constructor that is not possible."""
+        possible = {"graph": tuple(GRAPHS), "classifier": tuple(CLASSIFIERS), "kernel": KERNELS, "feature": KINDS}
+        for name, values in (possible | {"time": TIMES, "match": MATCHES, "outliers": OUTLIERS}).items():
+            if getattr(self, name) not in values:
+                raise UnknownNameError(name, str(getattr(self, name)), values)
+        if not (_is_finite(self.C) and self.C > 0):
+            raise InvalidArgumentError(f"C is {self.C}; it must be a positive, finite number")
+        if not (_is_finite(self.dwell) and self.dwell >= 0):
+            raise InvalidArgumentError(f"dwell is {self.dwell}; it must be a finite number, 0 or more")
+        if self.patience is not None and not (_is_finite(self.patience) and self.patience >= 0):
+            raise InvalidArgumentError(
+                f"patience is {self.patience}; it must be a finite number, 0 or more, or None for never"
+            )
+
     def _alike(self, demonstrations: Sequence[Demonstration]) -> Sequence[Demonstration]:
         """The demonstrations to learn from, outliers named."""
         found = [] if self.outliers == "keep" else find_outliers(demonstrations)
@@ -145,17 +166,22 @@ class SequenceGraphLearner(Learner):
         classifier = f"{self.kernel} {self.classifier}" if self.classifier == "svm" else self.classifier
         return f"sequence-graph, {self.graph}, {classifier}"
 
-    def _check_arguments(self) -> None:
-        possible = {"graph": tuple(GRAPHS), "classifier": tuple(CLASSIFIERS), "kernel": KERNELS, "feature": KINDS}
-        for name, values in (possible | {"time": TIMES, "match": MATCHES, "outliers": OUTLIERS}).items():
-            if getattr(self, name) not in values:
-                raise UnknownNameError(name, str(getattr(self, name)), values)
-        if not self.C > 0:
-            raise InvalidArgumentError(f"C is {self.C}; it must be positive")
-        if not self.dwell >= 0:
-            raise InvalidArgumentError(f"dwell is {self.dwell}; it must be 0 or more")
-        if self.patience is not None and not self.patience >= 0:
-            raise InvalidArgumentError(f"patience is {self.patience}; it must be 0 or more, or None for never")
+
+def _warn_of_missing_forces(primitives: MovementPrimitives, labels: Sequence[NDArray[np.int64]]) -> None:
+    for k in np.unique(np.concatenate(labels)):
+        axes = AXES[primitives.table.space[k]]
+        for i in np.flatnonzero(primitives.table.modes[k, POSITION] == FORCE):
+            if abs(primitives.force[k, i]) < LEAST_FORCE:
+                warnings.warn(
+                    f"'{primitives.names[k]}' shall press along {axes[i]}, but its demonstrations show no force there, and the "
+                    "skill will not press; let the primitive table control the position, or check the force sensor",
+                    ForceWarning,
+                    stacklevel=4,
+                )
+
+
+def _is_finite(value: Any) -> bool:
+    return is_number(value) and bool(np.isfinite(value))
 
 
 def _check_measurements(demonstrations: Sequence[Demonstration], needed: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ from kinematic_world import teach
 from scipy.special import logsumexp
 
 from lfd_gym.demonstration import Demonstration
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError
 from policies.decomposition.convergence import converging
 from policies.decomposition.hidden_markov import forward_backward, viterbi
 from policies.decomposition.methods import METHODS, method_named
@@ -150,6 +150,14 @@ def test_a_method_that_is_none_is_named() -> None:
         InvalidArgumentError, match="no method of decomposition 'dnd'; methods: bayesian, directional-hmm"
     ):
         method_named("dnd")
+
+
+@pytest.mark.parametrize("wrong", [{"classifier": "svn"}, {"C": np.inf}, {"method": "dnd"}])
+def test_arguments_are_checked_before_anything_is_decomposed(shown: list[Demonstration], wrong: dict) -> None:
+    learner = DecompositionLearner(**wrong)
+    with pytest.raises((UnknownNameError, InvalidArgumentError)):
+        learner.fit(shown)
+    assert not hasattr(learner, "decomposition_")
 
 
 def test_more_states_than_segments_do_no_harm(position: EntitySegments) -> None:

@@ -138,6 +138,15 @@ def test_measurements_that_are_no_numbers_are_refused(method: str, taught: list[
             new(method).fit([*taught[1:], broken])
 
 
+def test_a_hand_that_was_not_measured_is_refused(method: str, taught: list[Demonstration]) -> None:
+    blind = [
+        dataclasses.replace(d, observations={k: v for k, v in d.observations.items() if k != "hand_position"})
+        for d in taught
+    ]
+    with pytest.raises(DemonstrationError, match="demonstration 0 has no observation 'hand_position'"):
+        new(method).fit(blind)
+
+
 def test_unlabelled_learners_do_not_look_at_the_primitives(method: str, skill, taught: list[Demonstration]) -> None:
     learner = new(method)
     others = [dataclasses.replace(taught[0], primitives=taught[0].primitives[::-1]), *taught[1:]]

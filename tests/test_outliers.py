@@ -1,6 +1,7 @@
 """Outlier demonstrations: none among a noisy human's, and every planted one is found and named."""
 
 import dataclasses
+import warnings
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,7 +14,7 @@ from lfd_gym.recording import record
 from lfd_gym.registry import environment_id, look_up
 from policies.outliers import find_outliers
 from policies.sequence_graph import segments
-from policies.sequence_graph_learner import OutlierWarning, SequenceGraphLearner
+from policies.sequence_graph_learner import ForceWarning, OutlierWarning, SequenceGraphLearner
 from scripted_teachers import TEACHERS
 from scripted_teachers.box_flipping import BoxFlippingTeacher
 from scripted_teachers.move_object import MoveObjectTeacher
@@ -158,6 +159,23 @@ def test_scatter_of_the_others_decides_once_there_are_many():
     assert find_outliers([shifted(many[0], REACH, np.array([0.06, 0.0, 0.0])), *sloppy]) == []
     precise = find_outliers([shifted(many[0], REACH, np.array([0.045, 0.0, 0.0])), *many[1:]])
     assert [outlier.index for outlier in precise] == [0]
+
+
+def test_a_press_without_force_is_an_outlier_and_warned_of_where_nobody_presses(usual):
+    (outlier,) = find_outliers([usual[0], pressing(usual[1], 0.0), usual[2]])
+    assert outlier.index == 1
+    assert outlier.reasons == ("'twist' presses with 0.1 N, with the others 8 N",)
+    without = [pressing(demonstration, 0.0) for demonstration in usual[:3]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        assert find_outliers(without) == []
+        with pytest.warns(
+            ForceWarning, match="'twist' shall press along z, but its demonstrations show no force there"
+        ):
+            SequenceGraphLearner().fit(without)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ForceWarning)
+        SequenceGraphLearner().fit(usual[:3])
 
 
 def test_only_what_was_measured_is_read(usual):
