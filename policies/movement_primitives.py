@@ -28,7 +28,7 @@ from policies.features import (
 )
 from policies.goals import NormalisedTime, attractor_goal
 from policies.sequence_graph import segments
-from policies.task_space import CYLINDRICAL, coordinates, directions
+from policies.task_space import CYLINDRICAL, SMALLEST_RADIUS, coordinates, directions
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,8 @@ DEAD_BAND = np.array([[0.005] * 3 + [0.05] * 7, [0.005, 0.05, 0.005] + [0.05] * 
 """Travel below which a segment points to no side (2.9), per space: 5 mm, 3 degrees; above sensor noise, below any
 movement."""
 APART = np.array([[0.15] * 3 + [1.0] * 7, [0.15, 0.5, 0.15] + [1.0] * 7])
-"""Rows of the primitive table that end farther apart than this [m], [rad] cannot share a goal, per space."""
+"""Rows of the primitive table that end farther apart than this [m], [rad] cannot share a goal, per space; near a cylinder's
+axis angles may differ by more, as long as the arc does not."""
 REST_TIME, REST_SHARE = 0.1, 0.4
 """A segment that moved by less than this share of the dead band (2 mm, 1 degree) in the last time [s] rests at its goal."""
 SMALLEST_SCATTER = 0.001
@@ -108,7 +109,8 @@ def learn_primitives(
             goal[k, 0] = np.median([x[-1, 0] for x in paths[k]])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
             rows = [k] if i >= HAND.start else table.alike(k, int(i), shown)
-            _check_shared(names, rows, [np.array([x[-1, i] for x in paths[j]]) for j in rows], APART[table.space[k], i])
+            places = [np.array([x[-1, i] for x in paths[j]]) for j in rows]
+            _check_shared(names, rows, places, _apart(table, goal, k, int(i)))
             goal[k, i] = _goal([[x[:, i] for x in paths[j]] for j in rows], time, DEAD_BAND[table.space[k], i], dt)
         if "hand_torque" in demonstrations[0].observations:
             torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own])
@@ -125,6 +127,14 @@ def _goal(groups: Sequence[Sequence[Array]], time: NormalisedTime, dead_band: fl
     rest = round(REST_TIME / dt) + 1, REST_SHARE * dead_band
     weights = precisions([np.array([x[-1] for x in own]) for own in groups])
     return attractor_goal([x for own in groups for x in own], time, dead_band, rest, weights)
+
+
+def _apart(table: PrimitiveTable, goal: Array, k: int, i: int) -> float:
+    """How far apart rows may end along coordinate i of row k, whose radius is known [m], [rad]."""
+    apart = APART[table.space[k]]
+    if table.space[k] == CYLINDRICAL and i == 1:
+        return float(max(apart[1], apart[0] / max(goal[k, 0], SMALLEST_RADIUS)))
+    return float(apart[i])
 
 
 def _check_shared(names: Sequence[str], rows: Sequence[int], ends: Sequence[Array], apart: float) -> None:

@@ -8,9 +8,10 @@ import pytest
 from kinematic_world import teach
 from scipy.spatial.transform import Rotation
 
-from lfd_gym.demonstration import EntityControl
+from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
+from lfd_gym.errors import DemonstrationError
 from policies.features import deviation, measure, primitive_table
-from policies.movement_primitives import learn_primitives
+from policies.movement_primitives import MovementPrimitives, learn_primitives
 from policies.task_space import (
     CARTESIAN,
     CYLINDRICAL,
@@ -83,38 +84,59 @@ def test_the_axis_itself_is_no_trap():
 
 def test_goals_and_a_radial_press_are_learned_across_the_branch_cut():
     """Half of the arcs end below pi and half above it; the press points to the axis wherever the tool is."""
-    demonstration = teach(0)
-    arc = demonstration.primitives[0]._replace(
-        name="arc", position=EntityControl(0, "lid", "cylindrical", ("force", "position", "position"))
-    )
-    turn = Rotation.from_quat(FRAME[3:], scalar_first=True)
-    taught = []
-    for end in (math.pi - 0.02, math.pi + 0.02, math.pi - 0.02, math.pi + 0.02):
-        y = np.stack([np.full(80, 0.2), np.linspace(1.0, end, 80), np.full(80, 0.05)], axis=1)
-        position = FRAME[:3] + turn.apply([point(row, CYLINDRICAL) for row in y])
-        radial = turn.apply([directions(row, CYLINDRICAL)[:, 0] for row in y])
-        observations = {
-            "tool_position": position,
-            "tool_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (80, 1)),
-            "wrench": np.hstack([7.0 * radial, np.zeros((80, 3))]),
-            "frame_lid": np.tile(FRAME, (80, 1)),
-        }
-        taught.append(
-            dataclasses.replace(
-                demonstration,
-                observations=observations,
-                actions=demonstration.actions[:79],
-                rewards=np.zeros(79),
-                states=np.zeros((80, 1)),
-                labels=np.zeros(79, dtype=int),
-                primitives=(arc,),
-            )
-        )
-    table = primitive_table([arc], list(taught[0].observations))
-    measured = [measure(d.observations, table.frames) for d in taught]
-    learned = learn_primitives(["arc"], table, taught, measured, "arclength")
+    arc = arc_row("arc", "force")
+    taught = [drawn_arc(0.2, math.pi + end, (arc,)) for end in (-0.02, 0.02, -0.02, 0.02)]
+    learned = learn(taught)
     assert abs(learned.goal[0, 1]) == pytest.approx(math.pi, abs=0.03)
     assert learned.goal[0, [0, 2]] == pytest.approx([0.2, 0.05], abs=1e-6)
     assert learned.force[0] == pytest.approx([-7.0, 0.0, 0.0])
-    speed = 0.2 * (math.pi - 1.0) / 79 / demonstration.dt
+    speed = 0.2 * (math.pi - 1.0) / 79 / taught[0].dt
     assert learned.speed[0] == pytest.approx(speed, rel=0.03)
+
+
+@pytest.mark.parametrize(("radius", "angle", "fits"), [(0.007, 2.5, True), (0.2, 0.4, True), (0.2, 0.9, False)])
+def test_rows_that_share_a_goal_end_near_each_other_along_the_arc(radius, angle, fits):
+    rows = arc_row("first", "position"), arc_row("second", "position")
+    taught = [drawn_arc(radius, 1.0 + end, rows, label) for label, end in ((0, 0.1), (1, 0.1 + angle))]
+    if fits:
+        learned = learn(taught)
+        assert learned.goal[0, :3] == pytest.approx(learned.goal[1, :3])
+    else:
+        with pytest.raises(DemonstrationError, match="'first' and 'second' share a primitive"):
+            learn(taught)
+
+
+def arc_row(name: str, radius: str) -> Primitive:
+    """What is done along the radius."""
+    axes = (radius, "position", "position")
+    return teach(0).primitives[0]._replace(name=name, position=EntityControl(0, "lid", "cylindrical", axes))
+
+
+def drawn_arc(radius: float, end: float, rows: tuple[Primitive, ...], label: int = 0) -> Demonstration:
+    """An arc from 1 rad to an end, of one row of the table, with 7 N towards the axis."""
+    y = np.stack([np.full(80, radius), np.linspace(1.0, end, 80), np.full(80, 0.05)], axis=1)
+    turn = Rotation.from_quat(FRAME[3:], scalar_first=True)
+    radial = turn.apply([directions(row, CYLINDRICAL)[:, 0] for row in y])
+    observations = {
+        "tool_position": FRAME[:3] + turn.apply([point(row, CYLINDRICAL) for row in y]),
+        "tool_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (80, 1)),
+        "wrench": np.hstack([7.0 * radial, np.zeros((80, 3))]),
+        "frame_lid": np.tile(FRAME, (80, 1)),
+    }
+    template = teach(0)
+    return dataclasses.replace(
+        template,
+        observations=observations,
+        actions=template.actions[:79],
+        rewards=np.zeros(79),
+        states=np.zeros((80, 1)),
+        labels=np.full(79, label),
+        primitives=rows,
+    )
+
+
+def learn(taught: list[Demonstration]) -> MovementPrimitives:
+    rows = taught[0].primitives
+    table = primitive_table(rows, list(taught[0].observations))
+    measured = [measure(demonstration.observations, table.frames) for demonstration in taught]
+    return learn_primitives([row.name for row in rows], table, taught, measured, "arclength")
