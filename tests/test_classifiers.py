@@ -1,5 +1,7 @@
 """Our own scikit-learn classifiers: kernel logistic regression, import vector machine, Gaussian mixtures."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -7,6 +9,7 @@ from scipy.linalg import cho_solve
 from scipy.optimize import minimize
 from scipy.stats import norm
 from sklearn.datasets import make_moons
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics.pairwise import rbf_kernel
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
@@ -65,6 +68,22 @@ def test_objective_of_the_import_vector_machine_falls_and_its_stop_is_the_relati
     relative = -np.diff(tight.objective_) / tight.objective_[1:]
     assert relative[n - 2] <= 1e-2 < relative[: n - 2].min()
     assert len(ImportVectorMachine(max_imports=3).fit(X, y).support_vectors_) == 3
+
+
+@pytest.mark.parametrize(("n_classes", "n_features"), [(2, 2), (3, 1), (4, 1), (4, 2)])
+@pytest.mark.parametrize("C", [1e5, 1e6])
+def test_import_vector_machine_ends_where_rounding_hides_the_gain(n_classes, n_features, C):
+    """At such C some kernels leave the Hessian indefinite; what was imported before them is no worse than with more bias."""
+    for seed in range(2):
+        X, y, weights = overlapping(n_classes, n=20, seed=seed)
+        X = X[:, :n_features]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            machine = ImportVectorMachine(C=C).fit(X, y, sample_weight=weights)
+        assert np.isfinite(machine.decision_function(X)).all()
+        assert len(machine.objective_) == len(machine.support_vectors_) + 1
+        assert (np.diff(machine.objective_) <= 0).all()
+        assert machine.score(X, y) > ImportVectorMachine(C=10.0).fit(X, y, sample_weight=weights).score(X, y) - 0.05
 
 
 def test_first_and_second_import_are_among_the_best_of_all_kernels():

@@ -26,7 +26,8 @@ class ImportVectorMachine(KernelClassifier):
     The objective is H = C sum_i w_i (-log p(y_i|x_i)) + 1/2 sum_c a_c' K a_c (Zhu and Hastie 2001, (7), with lambda =
     1/C; multinomial as in their 2005 article) with an intercept that is not penalised. Each round ranks all points by
     one Newton step over the present coefficients and the candidate's, imports the best, and converges (A1-A4). It stops
-    when H falls by less than the fraction `tol`; with all points imported it is kernel logistic regression.
+    when H falls by less than the fraction `tol`; with all points imported it is kernel logistic regression. Where a large C
+    leaves the Hessian indefinite by rounding, it stops there with a `ConvergenceWarning`.
 
     Parameters:
         C: inverse strength of the regularisation.
@@ -50,10 +51,18 @@ class ImportVectorMachine(KernelClassifier):
         state = _converge(_problem(gram, imported, weights), np.zeros((1, _columns(weights))))
         history = [state.objective]
         while len(imported) < (len(points) if self.max_imports is None else self.max_imports):
-            gain = _gain(gram, imported, weights, state)
-            imported.append(int(np.argmax(gain)))
-            start = np.vstack([state.coefficients, np.zeros(state.coefficients.shape[1])])
-            state = _converge(_problem(gram, imported, weights), start)
+            try:
+                best = int(np.argmax(_gain(gram, imported, weights, state)))
+                start = np.vstack([state.coefficients, np.zeros(state.coefficients.shape[1])])
+                state = _converge(_problem(gram, [*imported, best], weights), start)
+            except np.linalg.LinAlgError:
+                warnings.warn(
+                    f"no kernel is imported beyond {len(imported)}: with C = {self.C} rounding hides what another one gains",
+                    ConvergenceWarning,
+                    stacklevel=2,
+                )
+                break
+            imported.append(best)
             history.append(state.objective)
             if history[-2] - history[-1] <= self.tol * abs(history[-1]):
                 break
@@ -156,9 +165,10 @@ def _gain(gram: Array, imported: list[int], weights: Array, state: _State) -> Ar
     cross = cross.reshape(-1, len(gram), c)
     own = (gram**2 @ state.curvature.reshape(-1, c * c)).reshape(-1, c, c) + (1.0 + JITTER) * np.eye(c)
     solved = cho_solve(state.factor, cross.reshape(len(cross), -1)).reshape(cross.shape)
-    step = np.linalg.solve(own - np.einsum("dla,dlb->lab", cross, solved), gradient[:, :, None])[:, :, 0]
-    gain = 0.5 * (gradient * step).sum(axis=1)
-    gain[imported] = -np.inf
+    left, others = own - np.einsum("dla,dlb->lab", cross, solved), np.delete(np.arange(len(gram)), imported)
+    step = np.linalg.solve(left[others], gradient[others, :, None])[:, :, 0]
+    gain = np.full(len(gram), -np.inf)
+    gain[others] = 0.5 * (gradient[others] * step).sum(axis=1)
     return gain
 
 
