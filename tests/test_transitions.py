@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from lfd_gym.errors import DemonstrationError
 from policies.decisions import DECISIONS, VotingDecision, constant_decision
 from policies.feature_selection import separation
-from policies.held_out import held_out_accuracy
 from policies.transitions import CLASSIFIERS, logistic_slope
 
 KINDS = [
@@ -114,34 +112,6 @@ def test_decisions_are_rebuilt_from_their_arrays(classifier, settings):
 
 def test_constant_decision_stays():
     assert np.argmax(constant_decision(3, 2).scores(np.array([5.0, -1.0]))) == 0
-
-
-@pytest.mark.parametrize("classifier", list(CLASSIFIERS))
-def test_held_out_accuracy_is_by_demonstration(classifier):
-    """Every demonstration has a place of its own and one class: a kernel machine tested on rows would be perfect."""
-    rng = np.random.default_rng(0)
-    demonstrations = np.repeat(np.arange(6), 30)
-    classes = demonstrations % 2
-    features = 10.0 * demonstrations[:, None] + rng.normal(size=(180, 1))
-    weights = np.ones(180)
-    place_alone = held_out_accuracy(classifier, features, classes, weights, demonstrations)
-    assert place_alone.accuracy < 0.7
-    told = held_out_accuracy(
-        classifier, np.hstack([0 * features, 5.0 * classes[:, None]]), classes, weights, demonstrations
-    )
-    assert told.accuracy == 1.0
-    assert told.per_demonstration == dict.fromkeys(range(6), 1.0)
-
-
-def test_held_out_accuracy_weighs_samples_and_counts_unknown_classes_as_missed():
-    features = np.array([[0.0], [1.0], [0.1], [0.9], [0.0], [2.0]])
-    classes, demonstrations = np.array([0, 1, 0, 1, 0, 2]), np.array([0, 0, 1, 1, 2, 2])
-    weights = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 3.0])
-    result = held_out_accuracy("lr", features, classes, weights, demonstrations)
-    assert result.per_demonstration == {0: 1.0, 1: 1.0, 2: 0.25}
-    assert result.accuracy == pytest.approx(5 / 8)
-    with pytest.raises(DemonstrationError, match="two or more"):
-        held_out_accuracy("lr", features[:2], classes[:2], weights[:2], demonstrations[:2])
 
 
 def test_separation_is_one_for_disjoint_and_zero_for_equal_values():
