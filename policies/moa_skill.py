@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from lfd_gym import attractor, quaternion
 from lfd_gym.action import ActionLayout
 from lfd_gym.registry import load
+from policies.consistency import SCHEDULE_SHAPES, check_path
 from policies.features import WORLD
 from policies.moa.frames import Frames
 from policies.orientation_schedule import OrientationSchedule
@@ -140,6 +141,8 @@ class MoASkill(Skill):
         generator = part(load(GENERATORS[header["generator"]]), "path")
         press, orientation = part(PressSchedule, "press"), part(OrientationSchedule, "orientation")
         layout = ActionLayout.from_dict(header["layout"])
+        schedules = {name: arrays[name] for name in SCHEDULE_SHAPES}
+        check_path(header["generator"], generator._asdict(), schedules, header["frames"], layout, header["dt"])
         return cls(generator, header["frames"], press, orientation, arrays["hand"], layout, header["dt"], **facts)
 
 

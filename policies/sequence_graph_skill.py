@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
-from policies.consistency import check_consistent
+from policies.consistency import check_graph
 from policies.features import WORLD, Measurement, PrimitiveTable, deviation, goal_distance, task_coordinates
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
@@ -243,7 +243,7 @@ class SequenceGraphSkill(Skill):
         graph, layout = SequenceGraph.from_dict(header["graph"]), ActionLayout.from_dict(header["layout"])
         bounds = {name: arrays[f"observed_{name}"] for name in OBSERVED_ARRAYS}
         named = NamedObservations(tuple(header["observations"]), **bounds)
-        check_consistent(graph.labels, primitives, nodes, named)
+        check_graph(graph.labels, primitives, nodes, named, layout, header["dt"])
         return cls(graph, primitives, nodes, named, layout, header["dt"], **facts)
 
 

@@ -2,19 +2,24 @@
 
 import dataclasses
 import itertools
+import json
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from writing_world import CORNERS, DT, HOME, PRESS, board_pose, demonstrate, demonstration, draw
 
-from lfd_gym.errors import DemonstrationError
+from lfd_gym.errors import DemonstrationError, SkillFileError
 from policies import load_skill
 from policies.moa.frames import Frames
 from policies.moa_learner import MoALearner
-from policies.moa_skill import PATIENCE, Memory
+from policies.moa_skill import PATIENCE, Memory, MoASkill
 from policies.orientation_schedule import cheapest_sequence, learn_orientations
 from policies.press_schedule import learn_presses
+from policies.trajectory_baselines.dynamic_movement_primitives import DMPLearner, VarDMPLearner
+from policies.trajectory_baselines.gaussian_mixture import GMRLearner, TPGMMLearner
+from policies.trajectory_baselines.promp import ProMPLearner
+from policies.trajectory_baselines.replay import ReplayLearner
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +199,51 @@ def test_a_file_keeps_the_skill(skill, tmp_path):
     assert np.array_equal(
         draw(load_skill(tmp_path / "skill.npz"), pose, 4.0)[1].position, draw(skill, pose, 4.0)[1].position
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("press_force", lambda a: a[:, :1]), ("press_force", lambda a: a * np.nan), ("press_frame", lambda a: a + 2),
+        ("press_frame", lambda a: a - 1), ("press_frame", lambda a: a[:-1]), ("press_frame", lambda a: 0.5 * a),
+        ("orientation_quaternion", lambda a: a[:, :2]), ("orientation_quaternion", lambda a: a[:0]),
+        ("orientation_frame", lambda a: a + 10**8), ("hand", lambda a: np.zeros((len(a), 4))), ("hand", lambda a: a[1:]),
+        ("path_activations", lambda a: a[:, :1]), ("path_places", lambda a: a[..., :2]), ("path_places", lambda a: a[:1]),
+        ("path_response", lambda a: a[:2]),
+        ("frames", lambda a: []), ("frames", lambda a: [*a, "lid"]), ("frames", lambda a: "b"), ("frames", lambda a: [0]),
+        ("dt", lambda a: -a), ("dt", lambda a: np.inf), ("dt", str), ("generator", lambda a: "fixed"),
+        ("layout", lambda a: a | {"hand_low": [0.0] * 4, "hand_high": [1.0] * 4}),
+        ("layout", lambda a: a | {"hand_low": 3.0}), ("layout", lambda a: a | {"workspace_low": [-1.0, -1.0]}),
+        ("layout", lambda a: a | {"workspace_low": a["workspace_high"]}), ("layout", lambda a: a | {"alpha": 0.0}),
+        ("layout", lambda a: a | {"beta": np.nan}), ("layout", lambda a: a | {"force_limit": "much"}),
+    ],
+)  # fmt: skip
+def test_files_whose_parts_do_not_fit_are_refused(skill, tmp_path, name, value):
+    skill.save(tmp_path / "skill.npz")
+    with np.load(tmp_path / "skill.npz") as file:
+        arrays = {key: file[key] for key in file.files}
+    header = json.loads(str(arrays["header"]))
+    changed = arrays if name in arrays else header["values"]
+    changed[name] = value(changed[name])
+    np.savez(tmp_path / "changed.npz", **arrays | {"header": np.array(json.dumps(header))})
+    with pytest.raises(SkillFileError, match="damaged"):
+        load_skill(tmp_path / "changed.npz")
+
+
+@pytest.mark.parametrize(
+    "learner", [ReplayLearner(), ProMPLearner(), DMPLearner(), VarDMPLearner(), TPGMMLearner(3, 1e-3, 2), GMRLearner(3)]
+)
+def test_every_array_of_a_path_has_the_size_of_the_others(learner, taught):
+    skill = learner.fit(taught[:2]).skill_
+    values, arrays = skill.to_arrays()
+    facts = {"env_id": skill.env_id, "taught_seeds": (), "metadata": {}}
+    MoASkill.from_arrays(values, arrays, **facts)
+    for name in (key for key in arrays if key.startswith("path_")):
+        wrong = [arrays[name][..., None], *(np.repeat(arrays[name], 3, axis) for axis in range(arrays[name].ndim))]
+        wrong += [arrays[name] + 99, -1 - arrays[name]] if name in ("path_start", "path_frame") else []
+        for array in wrong:
+            with pytest.raises(ValueError, match="does not fit the rest"):
+                MoASkill.from_arrays(values, arrays | {name: array}, **facts)
 
 
 def test_bad_demonstrations_are_refused(taught):
