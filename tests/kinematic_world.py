@@ -66,11 +66,12 @@ class LidWorld:
 
     def reset(self, seed: int) -> dict[str, np.ndarray]:
         rng = np.random.default_rng(seed)
-        self.lid = np.r_[
-            rng.uniform([0.2, -0.4, 0.1], [0.6, 0.4, 0.1]), quaternion.from_rotation_vector(np.array([0, 0, 0.0]))
-        ]
-        self.bin = np.r_[rng.uniform([-0.6, -0.4, 0.0], [-0.2, 0.4, 0.0]), 1.0, 0.0, 0.0, 0.0]
+        places = rng.uniform([0.2, -0.4, 0.1], [0.6, 0.4, 0.1]), rng.uniform([-0.6, -0.4, 0.0], [-0.2, 0.4, 0.0])
         self.loose_after = rng.uniform(3.8, 6.5)
+        self.lid, self.bin = (
+            np.r_[place, quaternion.from_rotation_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))]
+            for place in places
+        )
         self.position, self.orientation, self.hand = np.array([0.0, 0.0, 0.4]), tool(0.0), OPEN.copy()
         self.torque, self.wrench, self.turned, self.carried, self.binned = np.zeros(4), np.zeros(6), 0.0, False, False
         return self.observe()

@@ -3,17 +3,22 @@
 import dataclasses
 import json
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
-from kinematic_world import CARRY, PRIMITIVES, REACH, LidWorld, solve, teach
+from kinematic_world import CARRY, DT, PRIMITIVES, REACH, LidWorld, solve, teach
 
-from lfd_gym.errors import DemonstrationError, LfdGymError, SkillFileError, UnknownNameError
+from lfd_gym import quaternion
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SkillFileError, UnknownNameError
 from policies import LEARNERS, load_skill
+from policies.primitive_attractor import Goals, command
 from policies.sequence_graph import global_graph
 from policies.sequence_graph_learner import SequenceGraphLearner
-from policies.sequence_graph_skill import Memory
+from policies.sequence_graph_skill import Memory, SequenceGraphSkill
 from policies.skill import SCHEMA
+from policies.task_space import CARTESIAN, CYLINDRICAL
+from policies.transitions import CLASSIFIERS
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +114,46 @@ def test_turned_and_moved_scene_is_solved_by_the_same_actions_in_its_frame(skill
         observation = world.reset(seed)
         _, state = skill.predict(observation)
         goal = Memory(*state).position[0]
-        assert goal - world.lid[:3] == pytest.approx(skill.primitives.goal[REACH, :3])
+        turned = quaternion.rotate(world.lid[3:], skill.primitives.goal[REACH, :3])
+        assert goal - world.lid[:3] == pytest.approx(turned)
+
+
+@pytest.mark.parametrize("space", [CARTESIAN, CYLINDRICAL])
+@pytest.mark.parametrize("label", range(len(PRIMITIVES)))
+@pytest.mark.parametrize("felt", [0.0, 1.0])
+def test_turning_and_moving_all_that_is_seen_turns_and_moves_what_is_asked_of_the_robot(skill, space, label, felt):
+    """Also where the scene tilts: goals, pull and force stand in their frames."""
+    rng = np.random.default_rng(label)
+    primitives, frames = skill.primitives, np.array([random_pose(rng) for _ in skill.primitives.table.frames])
+    force = primitives.force + [1.0, 2.0, 0.0] * primitives.force.any(axis=1, keepdims=True)
+    primitives = primitives._replace(
+        force=force, table=primitives.table._replace(space=np.full_like(primitives.table.space, space))
+    )
+    seen, last = np.r_[random_pose(rng), np.ones(4)], random_pose(rng)
+    before = Goals(last[:3], last[3:], np.zeros(4), last[:3] + 0.01, np.array(0.1))
+    pose = random_pose(rng)
+    turn = partial(quaternion.rotate, pose[3:])
+
+    def turned(poses):
+        return np.array([np.r_[pose[:3] + turn(p[:3]), quaternion.multiply(pose[3:], p[3:])] for p in poses])
+
+    there = Goals(*np.split(turned([last])[0], [3]), before.hand, pose[:3] + turn(before.pull), before.pace)
+    _, pressed = command(primitives, label, seen, frames, before, {"wrench": np.zeros(6)}, DT)
+    wrench = np.r_[-felt * pressed, np.zeros(3)]
+    goals, _ = command(primitives, label, seen, frames, before, {"wrench": wrench}, DT)
+    turned_goals, turned_pressed = command(
+        primitives, label, np.r_[turned([seen[:7]])[0], seen[7:]], turned(frames), there,
+        {"wrench": np.r_[turn(wrench[:3]), np.zeros(3)]}, DT,
+    )  # fmt: skip
+    assert turned_goals.position == pytest.approx(pose[:3] + turn(goals.position))
+    assert abs(turned_goals.quaternion @ quaternion.multiply(pose[3:], goals.quaternion)) == pytest.approx(1.0)
+    assert turned_goals.pull == pytest.approx(pose[:3] + turn(goals.pull))
+    assert turned_pressed == pytest.approx(turn(pressed))
+    assert bool(pressed.any()) == (PRIMITIVES[label].name == "twist")
+
+
+def random_pose(rng):
+    return np.r_[rng.uniform(-0.5, 0.5, 3), quaternion.from_rotation_vector(rng.uniform(-1.5, 1.5, 3))]
 
 
 def test_held_entities_keep_their_last_goal_and_released_force_axes_the_measured_place(skill):
@@ -188,6 +232,36 @@ def test_files_whose_parts_do_not_fit_are_refused(skill, tmp_path, name, value):
         load_skill(tmp_path / "changed.npz")
 
 
+@pytest.mark.parametrize("classifier", ["lr", "klr", "svm", "gmm"])
+def test_every_array_of_a_decision_has_the_size_of_the_others(skill, classifier):
+    at = max(range(len(skill.nodes)), key=lambda i: len(skill.nodes[i].targets))
+    node, rng = skill.nodes[at], np.random.default_rng(0)
+    classes = np.repeat(np.arange(len(node.targets)), 20)
+    features = rng.uniform(size=(len(classes), len(node.sides))) + 0.3 * classes[:, None]
+    _, decision = CLASSIFIERS[classifier](features, classes, np.ones(len(classes)), C=1.0)
+    nodes = [*skill.nodes[:at], node._replace(decision=decision), *skill.nodes[at + 1 :]]
+    facts = {"env_id": skill.env_id, "taught_seeds": (), "metadata": {}}
+    values, arrays = SequenceGraphSkill(
+        skill.graph, skill.primitives, nodes, skill.named, skill.layout, skill.dt, **facts
+    ).to_arrays()
+    SequenceGraphSkill.from_arrays(values, arrays, **facts)
+    assert len(node.targets) >= 3
+    for name in decision._fields:
+        key = f"node{at}_decision_{name}"
+        wrong = [arrays[key][..., None], *(np.repeat(arrays[key], 2, axis) for axis in range(arrays[key].ndim))]
+        wrong += [arrays[key][::-1]] if name in ("pairs", "starts") else []
+        for array in wrong:
+            with pytest.raises(ValueError, match="does not fit the rest"):
+                SequenceGraphSkill.from_arrays(values, arrays | {key: array}, **facts)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.02, np.inf, "0.02", None])
+def test_a_control_step_that_is_none_is_refused(skill, dt):
+    values, arrays = skill.to_arrays()
+    with pytest.raises(ValueError, match="'dt' does not fit"):
+        SequenceGraphSkill.from_arrays(values | {"dt": dt}, arrays, env_id=skill.env_id, taught_seeds=(), metadata={})
+
+
 def test_parameters_may_be_numpys(taught, tmp_path):
     SequenceGraphLearner(C=np.arange(3)[2]).fit(taught).skill_.save(tmp_path / "skill.npz")
     assert load_skill(tmp_path / "skill.npz").metadata["parameters"]["C"] == 2
@@ -225,9 +299,10 @@ def test_demonstrations_that_cannot_be_learned_from_are_refused_in_one_line(taug
 def test_impossible_arguments_are_refused_with_what_is_possible(taught):
     with pytest.raises(UnknownNameError, match="possible: global, local, fully-connected"):
         SequenceGraphLearner(graph="globl").fit(taught)
-    for settings in ({"C": 0.0}, {"dwell": -1.0}, {"patience": -1.0}):
-        with pytest.raises(LfdGymError):
-            SequenceGraphLearner(**settings).fit(taught)
+    for name, values in {"C": (0.0,), "dwell": (-1.0,), "patience": (-1.0,)}.items():
+        for value in (*values, np.inf, np.nan, "1", True):
+            with pytest.raises(InvalidArgumentError, match=f"{name} is {value}; it must be a "):
+                SequenceGraphLearner(**{name: value}).fit(taught)
 
 
 @pytest.mark.parametrize("graph", ["local", "fully-connected"])
