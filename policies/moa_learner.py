@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
+from policies.arguments import check_number
 from policies.features import WORLD
 from policies.learner import Learner
 from policies.moa.alignment import align
@@ -22,6 +23,9 @@ from policies.press_schedule import in_contact, learn_presses
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e3
+"""Distances and times that are asked for are at most so long [m], [s]."""
+
 
 class TrajectoryLearner(Learner):
     """Base: tool paths relative to the world and to every tracked frame as it is at the beginning, aligned in time.
@@ -30,7 +34,7 @@ class TrajectoryLearner(Learner):
     contact as further coordinates, whose scale is `events`. Labels are not needed.
 
     A subclass fits the path, `generator`, and has the parameter `events`: the distance [m] that counts as much as one radian of
-    a finger, or as a contact that is there or not.
+    a finger, or as a contact that is there or not. Its other parameters are checked by its `check_arguments`.
     """
 
     needs = ("tool_position", "tool_quaternion", "wrench")
@@ -47,9 +51,14 @@ class TrajectoryLearner(Learner):
     ) -> Generator:
         """The path's generator from paths (N_m, 3), frames at rest and warps (N,)."""
 
+    def check_arguments(self, dt: float) -> None:
+        """Raise InvalidArgumentError for an argument of the constructor that is not possible with time steps dt [s]."""
+        check_number("events", self.events, 0.0, LARGEST)
+
     def learn(self, demonstrations: Sequence[Demonstration]) -> MoASkill:
         """Align, fit the path, and take orientation, hand and presses along."""
         first = demonstrations[0]
+        self.check_arguments(first.dt)
         names = sorted(name.removeprefix("frame_") for name in first.observations if name.startswith("frame_"))
         poses = [np.array([WORLD, *(d.observations[f"frame_{n}"][0] for n in names)]) for d in demonstrations]
         for i, pose in enumerate(poses):
@@ -112,6 +121,11 @@ class MoALearner(TrajectoryLearner):
     ) -> None:
         self.spacing, self.margin, self.solver = spacing, margin, solver
         self.second_stage, self.events = second_stage, events
+
+    def check_arguments(self, dt: float) -> None:
+        """At most one support point per time step; `MixtureOfAttractors` checks the rest."""
+        super().check_arguments(dt)
+        check_number("spacing", self.spacing, dt, LARGEST)
 
     def generator(
         self, points: Sequence[Array], frames: Sequence[Frames], warps: Sequence[Array], layout: ActionLayout, dt: float

@@ -1,4 +1,4 @@
-"""Demonstrations brought to one time (4.30), frames, and what is carried."""
+"""Demonstrations brought to one time (4.30), and frames."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from moa_scenes import random_frames, turn
 from lfd_gym.errors import InvalidArgumentError
 from policies.moa.alignment import align, frame_distances, warp, warped
 from policies.moa.frames import Frames, resample
-from policies.moa.parking import parked
 from policies.moa.time_warping import warping_path
 
 
@@ -49,6 +48,27 @@ def test_the_warping_path_is_the_cheapest_of_all(shape):
         assert {tuple(step) for step in steps} <= {(0, 1), (1, 0), (1, 1)}
         paid = cost[0, 0] + (steps.sum(axis=1) * cost[tuple(path[1:].T)]).sum()
         assert paid == pytest.approx(cheapest(cost))
+
+
+@pytest.mark.parametrize("shape", [(1, 6), (6, 1), (5, 4)])
+def test_the_warping_path_ends_at_the_first_pair_even_where_sums_of_costs_overflow(shape):
+    path = warping_path(np.full(shape, 1e308))
+    assert (path[0] == 0).all()
+    assert {tuple(step) for step in np.diff(path, axis=0)} <= {(0, 1), (1, 0), (1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("cost", "message"),
+    [
+        (np.where(np.eye(3), np.nan, 1.0), r"3 costs of time warping are not finite, the first is nan at \(0, 0\)"),
+        (np.full((2, 2), np.inf), "4 costs of time warping are not finite"),
+        (np.empty((0, 3)), r"shape \(0, 3\); needed"),
+        (np.ones(3), r"shape \(3,\); needed"),
+    ],
+)
+def test_costs_that_cannot_be_warped_by(cost, message):
+    with pytest.raises(InvalidArgumentError, match=message):
+        warping_path(cost)
 
 
 def test_a_planted_change_of_time_is_found():
@@ -139,29 +159,3 @@ def test_frames_join_at_rest_and_moving():
 def test_frames_that_are_none(wrong):
     with pytest.raises(InvalidArgumentError, match="frames have origins|not finite|poses are"):
         wrong()
-
-
-def carrying():
-    """A hand that comes to an object (frame 1), takes it along and leaves it; frame 2 moves by itself, frame 0 stands."""
-    hand = np.concatenate(
-        [np.linspace(0, 1, 80), np.full(40, 1.0), np.linspace(1, 3, 120), np.full(40, 3.0), np.linspace(3, 2, 60)]
-    )
-    taken = (np.arange(len(hand)) >= 120) & (np.arange(len(hand)) < 240)
-    thing = np.where(taken, hand, np.where(np.arange(len(hand)) < 120, 1.0, 3.0))
-    origins = np.stack([np.zeros_like(hand), thing, np.full_like(hand, 5.0)], axis=1)[..., None] * [1.0, 0.0]
-    origins[:, 2, 1] = 0.01 * np.arange(len(hand))
-    return np.stack([hand, np.zeros_like(hand)], axis=1), Frames.at(origins), taken
-
-
-def test_a_carried_frame_stays_where_it_was_taken():
-    points, frames, taken = carrying()
-    held = parked(points, frames, 0.02)
-    np.testing.assert_allclose(held.origins[taken, 1, 0], 1.0)
-    np.testing.assert_allclose(held.origins[-60:, 1, 0], 3.0)
-    np.testing.assert_array_equal(held.origins[:, [0, 2]], frames.origins[:, [0, 2]])
-
-
-def test_parking_knows_no_future():
-    points, frames, _ = carrying()
-    early = parked(points[:150], Frames(frames.origins[:150], frames.axes[:150]), 0.02)
-    np.testing.assert_array_equal(parked(points, frames, 0.02).origins[:150], early.origins)

@@ -73,7 +73,9 @@ def test_memory_is_how_long_an_impulse_is_felt(gains):
     assert felt[response.memory :].max() < 1e-12 < felt[response.memory // 2]
 
 
-@pytest.mark.parametrize("gains", [(0.0, None, 0.02), (20.0, -1.0, 0.02), (20.0, None, 0.0)])
+@pytest.mark.parametrize(
+    "gains", [(0.0, None, 0.02), (20.0, -1.0, 0.02), (20.0, None, 0.0), (np.nan, 5.0, 0.02), (1e200, None, 0.02)]
+)
 def test_gains_that_are_not_possible(gains):
     with pytest.raises(InvalidArgumentError, match="must be positive"):
         Response.of_attractor(*gains)

@@ -54,6 +54,9 @@ def test_what_is_not_possible():
         SpatialMixtureOfAttractors(n_support=9000).fit(arcs(2))
     with pytest.raises(InvalidArgumentError, match="no frame 1; possible: 0 to 0"):
         SpatialMixtureOfAttractors(gate_frame=1).fit(arcs(2))
+    for name, value in (("n_support", 2.5), ("gate_frame", 0.5), ("margin", np.nan), ("overlap", 2), ("tolerance", 0)):
+        with pytest.raises(InvalidArgumentError, match=f"{name} is {value}; possible"):
+            SpatialMixtureOfAttractors(**{name: value}).fit(arcs(2))
     with pytest.raises(DemonstrationError, match="not finite"):
         SpatialMixtureOfAttractors().fit([np.full((20, 2), np.nan)])
     moving, moa = Frames.at(np.linspace(0, 1, 30)[:, None, None] * np.ones(2)), SpatialMixtureOfAttractors(**SETTINGS)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from writing_world import DT, HOME, board_pose, demonstrate, draw
 
-from lfd_gym.errors import DemonstrationError
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.experiments import writing
 from lfd_gym.registry import load
 from policies import LEARNERS, load_skill
@@ -118,6 +118,34 @@ def test_every_baseline_is_a_skill_with_a_file(method, tmp_path):
 def test_too_few_steps_for_the_gaussians_are_named():
     with pytest.raises(DemonstrationError, match="too few for 9000 Gaussians; set n_components"):
         load(LEARNERS["tp-gmm"])(n_components=9000).fit([demonstrate(seed) for seed in range(2)])
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "message"),
+    [
+        ("moa", {"spacing": 0}, "spacing is 0; possible: a number from 0.02 to 1000"),
+        ("moa", {"spacing": -1}, "spacing is -1; possible"),
+        ("moa", {"margin": np.nan}, "margin is nan; possible: a number from 0 to 100"),
+        ("moa", {"margin": -1}, "margin is -1; possible"),
+        ("moa", {"second_stage": "no"}, "second_stage is 'no'; possible: True, False"),
+        ("promp", {"spacing": 1e-320}, "spacing is 1e-320; possible: a number from 0.02 to 1000"),
+        ("promp", {"overlap": 0}, "overlap is 0; possible: a number from 1e-06 to 0.999"),
+        ("promp", {"ridge": -1}, "ridge is -1; possible: a number from 1e-12 to 1"),
+        ("promp", {"noise": 1e200}, "noise is 1e.200; possible: a number from 1e-06 to 1000"),
+        ("dmp", {"spacing": np.nan}, "spacing is nan; possible: a number from 0.02 to 1000"),
+        ("dmp", {"goal_scaling": "no"}, "goal_scaling is 'no'; possible: True, False"),
+        ("var-dmp", {"window": 0}, "window is 0; possible: a number from 0.02 to 1000"),
+        ("var-dmp", {"spacing": True}, "spacing is True; possible"),
+        *(
+            (method, {"events": value}, "events is .*; possible: a number from 0 to 1000")
+            for method in ("moa", "tp-gmm", "gmr", "promp", "dmp", "var-dmp", "replay")
+            for value in (1e200, np.nan, -1.0, "far")
+        ),
+    ],
+)
+def test_arguments_that_are_not_possible(method, arguments, message):
+    with pytest.raises(InvalidArgumentError, match=message):
+        load(LEARNERS[method])(**arguments).fit([demonstrate(seed) for seed in range(2)])
 
 
 def test_replay_is_one_of_the_demonstrations():

@@ -56,9 +56,11 @@ def checked(trajectories: Sequence[ArrayLike], frames: Sequence[Frames] | None) 
 
 
 def checked_bounds(bounds: tuple[ArrayLike, ArrayLike], frames: Frames) -> BoxAttractors:
-    """Attractors at the corners of given boxes; raises InvalidArgumentError for other shapes or low > high."""
+    """Attractors at the corners of given boxes; raises InvalidArgumentError for other shapes, low > high or no numbers."""
     low, high = (np.asarray(bound, dtype=np.float64) for bound in bounds)
     shape = (len(frames), frames.n_dimensions)
     if low.shape != shape or high.shape != shape or not (low <= high).all():
         raise InvalidArgumentError(f"bounds are two arrays {shape} with low <= high, not {low.shape} and {high.shape}")
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        raise InvalidArgumentError("bounds must be finite")
     return BoxAttractors(low, high)

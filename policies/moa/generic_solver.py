@@ -53,7 +53,7 @@ def solve_program(program: QuadraticProgram, solver: str = "proxqp", tolerance: 
         LfdGymError: the solver gave up.
     """
     if solver not in qpsolvers.available_solvers:
-        raise UnknownNameError("solver", solver, ["structured", "softmax", *qpsolvers.available_solvers])
+        raise UnknownNameError("solver", str(solver), ["structured", "softmax", *qpsolvers.available_solvers])
     form = np.asarray if solver in qpsolvers.dense_solvers else csc_matrix
     n_support, n = program.A.shape
     given = qpsolvers.Problem(form(program.H), program.f, A=form(program.A), b=np.ones(n_support), lb=np.zeros(n))

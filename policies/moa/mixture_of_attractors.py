@@ -9,6 +9,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from lfd_gym.errors import InvalidArgumentError
+from policies.arguments import check_count, check_flag, check_number
 from policies.moa.alignment import align
 from policies.moa.attractors import BoxAttractors, split
 from policies.moa.checks import checked, checked_bounds
@@ -25,6 +26,16 @@ from policies.moa.tracking import TrackingProblem
 
 Array = NDArray[np.float64]
 
+POSSIBLE: dict[str, tuple[float, float]] = {
+    "overlap": (1e-6, 0.999),
+    "margin": (0.0, 100.0),
+    "tolerance": (1e-12, 1.0),
+    "slack": (0.0, 100.0),
+    "accuracy": (0.0, 100.0),
+    "switching": (0.0, 1e6),
+}
+"""Arguments and the least and largest value of each."""
+
 
 class MixtureOfAttractors(BaseEstimator):
     """Movements of any shape relative to several frames, learned by one convex problem (Algorithm 4).
@@ -32,8 +43,8 @@ class MixtureOfAttractors(BaseEstimator):
     x'' = alpha (beta (G a(t) - x) - x') (4.9): attractors G stand at the corners of a box in every frame, and their activations
     a(t), shared by all demonstrations, make the simulated trajectories nearest to the demonstrated ones (4.29).
 
-    Demonstrations have to show the same sequence of movements: they are brought to one time first. Frames of
-    objects that the hand carries have to be parked first, see `parking`.
+    Demonstrations have to show the same sequence of movements: they are brought to one time first. A frame that the hand
+    carries explains the movement for a trivial reason, and a skill would wait for it: give such a frame as it stood before.
 
     Args:
         n_support: support points N_S (4.19), or None for free activations at every step (4.16).
@@ -143,12 +154,10 @@ class MixtureOfAttractors(BaseEstimator):
             problem = setting.problem()
             accuracy = self.accuracy * setting.spread
             self.minimum_ = self._minimise(problem, setting, fixed)
-        elif self.objective == "one-step":
+        else:
             self.one_step_ = fit_one_step(setting, lambda weighted: self._minimise(weighted, setting, fixed))
             problem, accuracy = self.one_step_.problem, 0.0
             self.minimum_ = self.one_step_.solution
-        else:
-            raise InvalidArgumentError(f"no objective {self.objective!r}; possible: simulation, one-step")
         self.solution_ = self.minimum_
         if self.second_stage and problem.n_frames > 1:
             allowed = (1.0 + self.slack) * self.minimum_.error + accuracy**2 * problem.n_points
@@ -169,7 +178,8 @@ class MixtureOfAttractors(BaseEstimator):
         frames: Sequence[Frames] | None = None,
         warps: Sequence[Array] | None = None,
     ) -> Setting:
-        """Aligned demonstrations, attractors and support points: what `fit` solves is its `problem`."""
+        """Aligned demonstrations, attractors and support points: what `fit` solves is its `problem`. Raises like `fit`."""
+        self._check_arguments()
         points, frames = checked(trajectories, frames)
         if warps is None:
             warps = [np.arange(len(x), dtype=np.float64) for x in points] if self.aligned else align(points, frames)
@@ -214,6 +224,16 @@ class MixtureOfAttractors(BaseEstimator):
         """S, the activations (N_S, F, 2^d) of every attractor at the support points."""
         check_is_fitted(self, "z_")
         return self.attractors_.corner_activations(self.z_)
+
+    def _check_arguments(self) -> None:
+        if self.n_support is not None:
+            check_count("n_support", self.n_support, 2)
+        for name, (least, most) in POSSIBLE.items():
+            check_number(name, getattr(self, name), least, most)
+        for name in ("second_stage", "aligned", "warm_start"):
+            check_flag(name, getattr(self, name))
+        if self.objective not in ("simulation", "one-step"):
+            raise InvalidArgumentError(f"no objective {self.objective!r}; possible: simulation, one-step")
 
     def _response(self) -> Response:
         return Response.of_attractor(self.alpha, self.beta, self.dt)

@@ -6,9 +6,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import InvalidArgumentError, is_number
 
 Array = NDArray[np.float64]
+
+LARGEST = 1e30
+"""Gains [1/s] and time steps [s] are smaller, so that their product is a number."""
 
 
 class Response(NamedTuple):
@@ -27,10 +30,14 @@ class Response(NamedTuple):
         """The response of x'' = alpha (beta (g - x) - x') (4.7) at a time step dt [s], by the differences (4.10).
 
         alpha and beta are in 1/s; beta = alpha / 4, critical damping, where it is None.
+
+        Raises InvalidArgumentError for what is no positive number, or too large to be multiplied.
         """
+        given = {"alpha": alpha, "dt": dt} | ({} if beta is None else {"beta": beta})
+        for name, value in given.items():
+            if not (is_number(value) and 0.0 < value < LARGEST):
+                raise InvalidArgumentError(f"{name} is {value!r}; it must be positive, and below {LARGEST:g}")
         beta = alpha / 4.0 if beta is None else beta
-        if not (alpha > 0.0 and beta > 0.0 and dt > 0.0):
-            raise InvalidArgumentError(f"alpha {alpha}, beta {beta} and dt {dt} must be positive")
         scale = 1.0 + alpha * dt + alpha * beta * dt**2
         return cls((2.0 + alpha * dt) / scale, -1.0 / scale, alpha * beta * dt**2 / scale)
 

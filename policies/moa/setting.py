@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from policies.arguments import is_whole
 from policies.moa.alignment import warped
 from policies.moa.attractors import BoxAttractors, join
 from policies.moa.frames import Frames
@@ -59,7 +60,7 @@ class Setting(NamedTuple):
         Raises InvalidArgumentError for a frame that does not exist.
         """
         n = self.attractors.n_frames
-        if not -n <= frame < n:
+        if not (is_whole(frame) and -n <= frame < n):
             raise InvalidArgumentError(f"no frame {frame}; possible: 0 to {n - 1}")
         alpha, rho = np.zeros(n), np.zeros(self.attractors.low.shape)
         low, high = self.attractors.low[frame], self.attractors.high[frame]

@@ -11,10 +11,12 @@ from sklearn.metrics import pairwise_distances
 from sklearn.utils.validation import check_is_fitted
 
 from lfd_gym.errors import InvalidArgumentError
+from policies.arguments import check_count, check_number
 from policies.moa.attractors import BoxAttractors
 from policies.moa.checks import checked
 from policies.moa.frames import Frames
 from policies.moa.interior_point import Solution, solve
+from policies.moa.mixture_of_attractors import POSSIBLE
 from policies.moa.response import Response
 from policies.moa.setting import centred
 from policies.moa.support_points import Interpolation, bandwidth, normalised_rbf
@@ -75,6 +77,11 @@ class SpatialMixtureOfAttractors(BaseEstimator):
 
         Raises DemonstrationError and InvalidArgumentError like `MixtureOfAttractors.fit`.
         """
+        check_count("n_support", self.n_support, 2)
+        check_count("gate_frame", self.gate_frame, 0)
+        for name in ("overlap", "margin", "tolerance"):
+            check_number(name, getattr(self, name), *POSSIBLE[name])
+        response = self._response()
         points, frames = checked(trajectories, frames)
         if not 0 <= self.gate_frame < len(frames[0]):
             raise InvalidArgumentError(f"no frame {self.gate_frame}; possible: 0 to {len(frames[0]) - 1}")
@@ -88,7 +95,6 @@ class SpatialMixtureOfAttractors(BaseEstimator):
         clusters = KMeans(self.n_support, n_init=10, random_state=self.random_state).fit(np.concatenate(gates))
         self.centres_ = clusters.cluster_centers_
         self.attractors_ = BoxAttractors.around(np.concatenate(local), self.margin)
-        response = self._response()
         groups = []
         for x, frame, gate in zip(points, frames, gates, strict=True):
             x, matrix = centred(x, frame, self.attractors_)

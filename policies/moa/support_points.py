@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import InvalidArgumentError, is_number
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def interpolation(n_steps: int, n_support: int | None, overlap: float, n_extende
         return Interpolation(np.minimum(rows, n_steps - 1), np.ones((len(rows), 1)), n_steps)
     if not 2 <= n_support <= n_steps:
         raise InvalidArgumentError(f"{n_support} support points; possible: 2 to the number of time steps, {n_steps}")
-    if not 0.0 < overlap < 1.0:
+    if not (is_number(overlap) and 0.0 < overlap < 1.0):
         raise InvalidArgumentError(f"the overlap is {overlap}; it must lie between 0 and 1")
     centres = np.linspace(0.0, n_steps - 1.0, n_support)
     return normalised_rbf((rows[:, None] - centres) ** 2, bandwidth(centres[1], overlap))

@@ -4,6 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lfd_gym.errors import InvalidArgumentError
+
 Array = NDArray[np.float64]
 
 
@@ -12,7 +14,22 @@ def warping_path(cost: Array) -> NDArray[np.int64]:
 
     A step goes on by one in i, in j, or in both; the last counts twice (symmetric pattern P = 0), so that paths of all shapes
     have the same total weight. Of equally cheap ways back, the one in both is taken, then the one in j.
+
+    Raises:
+        InvalidArgumentError: no matrix, an empty one, or a cost that is not finite.
     """
+    cost = np.asarray(cost, dtype=np.float64)
+    if cost.ndim != 2 or not cost.size:
+        raise InvalidArgumentError(
+            f"costs of time warping have the shape {cost.shape}; needed: (N, M), neither of them 0"
+        )
+    wrong = np.argwhere(~np.isfinite(cost))
+    if len(wrong):
+        i, j = wrong[0]
+        raise InvalidArgumentError(
+            f"{len(wrong)} costs of time warping are not finite, the first is {cost[i, j]} at ({i}, {j}); "
+            "points and scales must be small enough to be squared"
+        )
     return np.asarray(_way_back(_came_by(np.ascontiguousarray(cost))))
 
 
@@ -21,6 +38,7 @@ def _came_by(cost: Array) -> NDArray[np.int8]:
     """Per pair the last step of the cheapest path to it: 0 both, 1 in j, 2 in i."""
     n, m = cost.shape
     step = np.zeros((n, m), dtype=np.int8)
+    step[0, 1:], step[1:, 0] = 1, 2
     above, row = np.full(m + 1, np.inf), np.full(m + 1, np.inf)
     for i in range(n):
         for j in range(m):

@@ -10,9 +10,10 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_filter
 
 from lfd_gym.action import ActionLayout
+from policies.arguments import check_flag, check_number
 from policies.moa.frames import Frames, resample
 from policies.moa.support_points import interpolation
-from policies.moa_learner import TrajectoryLearner
+from policies.moa_learner import LARGEST, TrajectoryLearner
 
 Array = NDArray[np.float64]
 
@@ -129,6 +130,12 @@ class DMPLearner(TrajectoryLearner):
     def __init__(self, goal_scaling: bool = False, spacing: float = 0.15, events: float = 0.05) -> None:
         self.goal_scaling, self.spacing, self.events = goal_scaling, spacing, events
 
+    def check_arguments(self, dt: float) -> None:
+        """At most one basis function per time step."""
+        super().check_arguments(dt)
+        check_flag("goal_scaling", self.goal_scaling)
+        check_number("spacing", self.spacing, dt, LARGEST)
+
     def generator(
         self, points: Sequence[Array], frames: Sequence[Frames], warps: Sequence[Array], layout: ActionLayout, dt: float
     ) -> SegmentedDMP:
@@ -156,6 +163,11 @@ class VarDMPLearner(DMPLearner):
     ) -> None:
         super().__init__(goal_scaling, spacing, events)
         self.window = window
+
+    def check_arguments(self, dt: float) -> None:
+        """A window of a time step at least."""
+        super().check_arguments(dt)
+        check_number("window", self.window, dt, LARGEST)
 
     def segments(self, local: Array, dt: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """By the variance."""

@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
+from policies.arguments import check_number
 from policies.moa.frames import Frames, resample
+from policies.moa.mixture_of_attractors import POSSIBLE
 from policies.moa.support_points import interpolation
-from policies.moa_learner import TrajectoryLearner
+from policies.moa_learner import LARGEST, TrajectoryLearner
 
 Array = NDArray[np.float64]
 
@@ -62,6 +64,14 @@ class ProMPLearner(TrajectoryLearner):
         events: float = 0.05,
     ) -> None:
         self.spacing, self.overlap, self.ridge, self.noise, self.events = spacing, overlap, ridge, noise, events
+
+    def check_arguments(self, dt: float) -> None:
+        """At most one basis function per time step; ridge and noise are positive, so that there is always a solution."""
+        super().check_arguments(dt)
+        check_number("spacing", self.spacing, dt, LARGEST)
+        check_number("overlap", self.overlap, *POSSIBLE["overlap"])
+        check_number("ridge", self.ridge, 1e-12, 1.0)
+        check_number("noise", self.noise, 1e-6, LARGEST)
 
     def generator(
         self, points: Sequence[Array], frames: Sequence[Frames], warps: Sequence[Array], layout: ActionLayout, dt: float
