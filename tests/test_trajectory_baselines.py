@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from writing_world import DT, HOME, board_pose, demonstrate, draw
+from scipy.stats import multivariate_normal
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.mixture import GaussianMixture
+from writing_world import DT, HOME, board_pose, demonstrate, demonstration, draw
 
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.experiments import writing
@@ -13,6 +16,7 @@ from policies.moa.frames import Frames
 from policies.trajectory_baselines.dynamic_movement_primitives import fit_segments, segment_by_variance
 from policies.trajectory_baselines.gaussian_mixture import fit_mixture
 from policies.trajectory_baselines.promp import fit_promp
+from policies.trajectory_baselines.task_mixture import TaskMixture, fit_task_mixture
 
 N = 200
 TIME = np.linspace(0.0, 1.0, N)
@@ -61,6 +65,69 @@ def test_tp_gmm_turns_with_the_scene(scenes):
     turn, shift = Rotation.random(rng=rng).as_matrix(), rng.uniform(size=3)
     moved = model.path(frames.moved(turn, shift), HOME)
     np.testing.assert_allclose(moved, model.path(frames, HOME) @ turn.T + shift, atol=1e-7)
+
+
+def points_in_frames(rng, n_frames, n=300, d=3):
+    """Points (F, R, D) of three clusters in every frame, and first responsibilities (R, 3) by one coordinate."""
+    centre = 3.0 * rng.normal(size=(n_frames, 3, d))
+    rows = centre[:, rng.integers(0, 3, n)] + rng.normal(size=(n_frames, n, d)) @ rng.normal(size=(d, d))
+    return rows, np.eye(3)[np.argsort(np.argsort(rows[0, :, 0])) * 3 // n]
+
+
+def test_a_point_belongs_to_a_component_by_the_product_over_the_frames():
+    rows, first = points_in_frames(np.random.default_rng(0), 3)
+    mixture = TaskMixture.of_responsibilities(rows, first, 1e-6)
+    density = np.array(
+        [
+            p
+            * np.prod(
+                [multivariate_normal(m, c).pdf(x) for x, m, c in zip(rows, mean, covariance, strict=True)], axis=0
+            )
+            for p, mean, covariance in zip(
+                mixture.prior, mixture.mean.swapaxes(0, 1), mixture.covariance.swapaxes(0, 1), strict=True
+            )
+        ]
+    ).T
+    responsibility, log_likelihood = mixture.expectation(rows)
+    np.testing.assert_allclose(responsibility, density / density.sum(axis=1, keepdims=True), atol=1e-12)
+    assert log_likelihood == pytest.approx(np.log(density.sum(axis=1)).mean())
+
+
+@pytest.mark.parametrize("n_frames", [1, 3])
+def test_the_likelihood_of_a_mixture_never_falls(n_frames):
+    for seed in range(5):
+        rows, first = points_in_frames(np.random.default_rng(seed), n_frames)
+        history = fit_task_mixture(rows, first, 1e-12, 200).log_likelihood
+        assert len(history) > 2
+        assert np.diff(history).min() > -1e-9
+
+
+def test_in_one_frame_it_is_an_ordinary_gaussian_mixture():
+    rows, first = points_in_frames(np.random.default_rng(1), 1)
+    start = TaskMixture.of_responsibilities(rows, first, 1e-6)
+    ordinary = GaussianMixture(
+        3, reg_covar=1e-6, weights_init=start.prior, means_init=start.mean[0],
+        precisions_init=np.linalg.inv(start.covariance[0]),
+    ).fit(rows[0])  # fmt: skip
+    fitted = fit_task_mixture(rows, first, 1e-6, 100)
+    assert len(fitted.log_likelihood) == ordinary.n_iter_
+    np.testing.assert_allclose(fitted.mixture.prior, ordinary.weights_, rtol=1e-6)
+    np.testing.assert_allclose(fitted.mixture.mean[0], ordinary.means_, rtol=1e-6)
+    np.testing.assert_allclose(fitted.mixture.covariance[0], ordinary.covariances_, rtol=1e-6)
+
+
+def test_a_mixture_says_that_it_has_not_converged():
+    rows, first = points_in_frames(np.random.default_rng(2), 2)
+    with pytest.warns(ConvergenceWarning, match="not converged after 1 steps of EM"):
+        assert not fit_task_mixture(rows, first, 1e-6, 1).converged
+    assert fit_task_mixture(rows, first, 1e-6, 200).converged
+
+
+def test_many_gaussians_write_as_well_as_few(scenes):
+    """With one covariance over all frames together components leave the axis of time, and the loop is missed by 30 cm."""
+    model = fit_mixture(local_of(scenes), 60, 1e-6, slice(None))
+    frames, wanted = new_scene()
+    assert np.linalg.norm(model.path(frames, HOME) - wanted, axis=1)[60:140].max() < 0.002
 
 
 def test_var_dmp_finds_the_frames_and_draws_in_a_new_scene(scenes):
@@ -116,8 +183,28 @@ def test_every_baseline_is_a_skill_with_a_file(method, tmp_path):
 
 
 def test_too_few_steps_for_the_gaussians_are_named():
-    with pytest.raises(DemonstrationError, match="too few for 9000 Gaussians; set n_components"):
+    with pytest.raises(DemonstrationError, match=r"too few for 9000 Gaussians; set n_components to at most \d+$"):
         load(LEARNERS["tp-gmm"])(n_components=9000).fit([demonstrate(seed) for seed in range(2)])
+
+
+@pytest.mark.parametrize("n_components", [40, 46])
+def test_hardly_more_steps_than_gaussians_are_enough(n_components):
+    path = np.stack([TIME, np.sin(3 * TIME), TIME**2], axis=1)[:: N // 46][:46]
+    model = fit_mixture(path[None, :, None], n_components, 1e-6, slice(None))
+    assert np.linalg.norm(model.path(Frames.world(3), HOME) - path, axis=1).max() < 0.01
+
+
+@pytest.mark.parametrize("method", ["tp-gmm", "gmr"])
+def test_a_tool_that_never_moves_is_named(method):
+    still = demonstration(0, np.tile(HOME, (100, 1)), np.zeros((100, 6)), board_pose(np.random.default_rng(0)))
+    for shown, index in (([still], 0), ([demonstrate(1), still], 1)):
+        with pytest.raises(DemonstrationError, match=f"demonstration {index} has length 0: it never moves"):
+            load(LEARNERS[method])(n_components=5).fit(shown)
+
+
+def test_a_mixture_of_points_that_are_all_the_same_is_refused():
+    with pytest.raises(DemonstrationError, match="all points .* are the same; a Gaussian mixture needs a movement"):
+        fit_mixture(np.ones((2, 50, 1, 3)), 5, 1e-6, slice(None))
 
 
 @pytest.mark.parametrize(
@@ -128,6 +215,10 @@ def test_too_few_steps_for_the_gaussians_are_named():
         ("moa", {"margin": np.nan}, "margin is nan; possible: a number from 0 to 100"),
         ("moa", {"margin": -1}, "margin is -1; possible"),
         ("moa", {"second_stage": "no"}, "second_stage is 'no'; possible: True, False"),
+        ("tp-gmm", {"n_components": 0}, "n_components is 0; possible: a whole number from 1 on"),
+        ("tp-gmm", {"n_components": 7.5}, "n_components is 7.5; possible: a whole number from 1 on"),
+        ("tp-gmm", {"regularisation": 0}, "regularisation is 0; possible: a number from 1e-10 to 1"),
+        ("gmr", {"max_iter": 0}, "max_iter is 0; possible: a whole number from 1 on"),
         ("promp", {"spacing": 1e-320}, "spacing is 1e-320; possible: a number from 0.02 to 1000"),
         ("promp", {"overlap": 0}, "overlap is 0; possible: a number from 1e-06 to 0.999"),
         ("promp", {"ridge": -1}, "ridge is -1; possible: a number from 1e-12 to 1"),
