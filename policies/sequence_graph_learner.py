@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import Demonstration
-from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError, is_number
+from lfd_gym.errors import DemonstrationError, UnknownNameError
+from policies.arguments import check_number
 from policies.features import FORCE, POSITION, measure, primitive_table
 from policies.goal_distance import KINDS
 from policies.goals import TIMES, NormalisedTime
@@ -137,14 +138,10 @@ class SequenceGraphLearner(Learner):
         for name, values in (possible | {"time": TIMES, "match": MATCHES, "outliers": OUTLIERS}).items():
             if getattr(self, name) not in values:
                 raise UnknownNameError(name, str(getattr(self, name)), values)
-        if not (_is_finite(self.C) and self.C > 0):
-            raise InvalidArgumentError(f"C is {self.C}; it must be a positive, finite number")
-        if not (_is_finite(self.dwell) and self.dwell >= 0):
-            raise InvalidArgumentError(f"dwell is {self.dwell}; it must be a finite number, 0 or more")
-        if self.patience is not None and not (_is_finite(self.patience) and self.patience >= 0):
-            raise InvalidArgumentError(
-                f"patience is {self.patience}; it must be a finite number, 0 or more, or None for never"
-            )
+        check_number("C", self.C, 1e-9, 1e9)
+        check_number("dwell", self.dwell, 0.0, 1e9)
+        if self.patience is not None:
+            check_number("patience", self.patience, 0.0, 1e9)
 
     def _alike(self, demonstrations: Sequence[Demonstration]) -> Sequence[Demonstration]:
         """The demonstrations to learn from, outliers named."""
@@ -178,10 +175,6 @@ def _warn_of_missing_forces(primitives: MovementPrimitives, labels: Sequence[NDA
                     ForceWarning,
                     stacklevel=4,
                 )
-
-
-def _is_finite(value: Any) -> bool:
-    return is_number(value) and bool(np.isfinite(value))
 
 
 def _check_measurements(demonstrations: Sequence[Demonstration], needed: Sequence[str]) -> None:

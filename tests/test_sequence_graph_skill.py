@@ -301,7 +301,7 @@ def test_impossible_arguments_are_refused_with_what_is_possible(taught):
         SequenceGraphLearner(graph="globl").fit(taught)
     for name, values in {"C": (0.0,), "dwell": (-1.0,), "patience": (-1.0,)}.items():
         for value in (*values, np.inf, np.nan, "1", True):
-            with pytest.raises(InvalidArgumentError, match=f"{name} is {value}; it must be a "):
+            with pytest.raises(InvalidArgumentError, match=f"{name} is {value!r}; possible: a number "):
                 SequenceGraphLearner(**{name: value}).fit(taught)
 
 

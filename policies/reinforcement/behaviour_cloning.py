@@ -10,6 +10,7 @@ from torch import nn
 
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from policies.arguments import check_count, check_number
 from policies.learner import Learner
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, view_of
@@ -71,6 +72,10 @@ class BehaviourCloning(Learner):
         """Fit the network and export it."""
         if self.loss not in LOSSES:
             raise InvalidArgumentError(f"loss '{self.loss}'; possible: {', '.join(LOSSES)}")
+        for name in ("updates", "batch", "width", "chunk", "executed"):
+            check_count(name, getattr(self, name), 1)
+        for name in ("rate", "decay", "noise"):
+            check_number(name, getattr(self, name), 0.0, 1e3)
         if not 1 <= self.executed <= self.chunk:
             raise InvalidArgumentError(f"executed is {self.executed}; possible: 1 to chunk, {self.chunk}")
         view = view_of(demonstrations[0])
