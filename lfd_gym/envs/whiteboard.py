@@ -45,7 +45,7 @@ class WhiteboardEnv(ManipulationEnv):
     | start | each board in 15 x 20 cm, yaw +- 30 degrees, tilt 35-50 degrees |
     | varies, hidden | friction of the pen's tip 0.1-0.3 |
     | success | at least 90 % of the wanted strokes inked and 90 % of the ink on them, both within 4 mm, pen withdrawn |
-    | subtasks | `word_1`, `word_2` (both figures on that board), `lifted` (10 cm off both boards) |
+    | subtasks | `word_1`, `word_2` (both figures on that board), `lifted` (10 cm off both boards, once there is good ink) |
     | measures | `coverage`, `precision`: the two figures over both boards, see `lfd_gym.ink` |
     | dense reward | reach 0.1, coverage times precision 0.75, lift 0.1 |
     | time limit | 60 s |
