@@ -80,7 +80,7 @@ def test_jobs_are_those_of_the_issue() -> None:
     jobs = {job.name: job for job in Comparison([ENV_ID, "lfd_gym/LightBulb-v0"]).jobs()}
     assert jobs["move-object-ppo-2"].decisions == 3_000_000
     assert jobs["move-object-sac-sparse-0"].decisions == 300_000
-    assert jobs["move-object-sac-demos-0"].decisions == 600_000
+    assert jobs["move-object-sac-demos-0"].decisions == 750_000
     assert jobs["light-bulb-ppo-0"].decisions == 100_000
     assert jobs["light-bulb-sac-demos-1"].demonstrations == 3
     assert jobs["light-bulb-ppo-1"].demonstrations == jobs["light-bulb-random-0"].demonstrations == 0

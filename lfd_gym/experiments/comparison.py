@@ -36,7 +36,7 @@ SHOWN = 3
 SHOWN_TO: Mapping[str, Mapping[str, int]] = {"decomposition": {"lfd_gym/LightBulb-v0": 9}}
 """Demonstrations of a method that needs more than `TEACHING` says: without labels, turns of a bulb are told apart by many."""
 DECISIONS: Mapping[str, Mapping[str, int]] = {
-    "lfd_gym/MoveObject-v0": {"sac-demos": 600_000, "sac": 300_000, "ppo": 3_000_000},
+    "lfd_gym/MoveObject-v0": {"sac-demos": 750_000, "sac": 300_000, "ppo": 3_000_000},
     "": {"sac": 100_000, "ppo": 100_000},
 }
 """Decisions that a method, or else its algorithm, trains for in a task, and in the others."""

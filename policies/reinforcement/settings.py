@@ -32,8 +32,8 @@ class TrainingSettings:
     """Share of the training's episodes that begin in a demonstrated state."""
     n_steps: int = 1
     """Decisions whose rewards are summed before a critic's value is trusted."""
-    episode: float = 1.0
-    """Where an episode of the training is cut off: share of the longest demonstration, or else of the time limit."""
+    episode: int = 0
+    """Decisions after which an episode of the training is cut off; 0 for the environment's time limit."""
     discount: float = 0.99
     """Per decision; 0.97 looks 3 s ahead, 0.99 looks 10 s."""
     reward_scale: float = 1.0
@@ -71,11 +71,11 @@ PPO: Mapping[str, Any] = {
     "clip_range": 0.2,
 }
 _OFF_POLICY = TrainingSettings(
-    "sac", discount=0.97, n_steps=5, reward_scale=10.0, episode=1 / 3, annealing=0.3,
+    "sac", discount=0.97, n_steps=5, reward_scale=10.0, episode=100, annealing=0.3,
     hyperparameters={**SAC, "learning_rate": 1e-3, "batch_size": 128, "ent_coef": "auto_0.01", "gradient_steps": 8},
 )  # fmt: skip
 _SHOWN = replace(
-    _OFF_POLICY, demonstrations=True, demonstrated_batch=0.25, demonstrated_starts=0.25, cloning=1.0, episode=1.0,
+    _OFF_POLICY, demonstrations=True, demonstrated_batch=0.25, demonstrated_starts=0.25, cloning=1.0,
     hyperparameters={**_OFF_POLICY.hyperparameters, "learning_starts": 600},
 )  # fmt: skip
 _ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, hyperparameters=PPO)

@@ -23,7 +23,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
-from lfd_gym.view import DECISION_TIME, View
+from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
@@ -144,8 +144,8 @@ def viewed(
     env = timed(env_id, settings.reward_type, env_kwargs)
     if settings.demonstrated_starts and demonstrations:
         env = DemonstratedStarts(env, demonstrations, settings.demonstrated_starts)
-    longest = max((shown.duration for shown in demonstrations), default=env.get_wrapper_attr("time_limit"))
-    return TimeLimit(RLView(env), math.ceil(settings.episode * longest / DECISION_TIME - 1e-9))
+    view = RLView(env)
+    return TimeLimit(view, settings.episode) if settings.episode else view
 
 
 def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bool = False) -> gymnasium.Env:
