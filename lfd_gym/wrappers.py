@@ -30,7 +30,7 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
     observation. `lfd_gym.view.View` computes both, without the environment.
 
     **Reward**: the mean over the control steps of a decision. Success does not end an episode, so that waiting before it
-    never pays.
+    never pays. After a `set_state` below the view the next decision is still relative to the reference that was seen last.
 
     Args:
         env: a manipulation environment made with `terminate_on_success=False`.
