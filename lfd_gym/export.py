@@ -4,6 +4,7 @@ import importlib
 import os
 import re
 import tempfile
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,7 +52,12 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
             f"{env_id} is registered by its class; register it as 'module:Class', which can be stored"
         )
     try:
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary, _below(temporary):
+        with (
+            tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary,
+            _below(temporary),
+            warnings.catch_warnings(),
+        ):
+            warnings.filterwarnings("ignore", "`(code_permalink|author|author_email|eval_env)` is set to None")
             minari.create_dataset_from_buffers(
                 dataset_id,
                 [_episode(minari, i, demonstration) for i, demonstration in enumerate(demonstrations)],

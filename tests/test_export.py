@@ -2,6 +2,7 @@
 
 import os
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,9 @@ def shown() -> list[Demonstration]:
 
 def test_minari_reads_what_was_measured_and_makes_the_environment(shown, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.delenv(ROOT, raising=False)
-    assert to_minari(shown, tmp_path / "sets", ID) == tmp_path / "sets" / ID
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        assert to_minari(shown, tmp_path / "sets", ID) == tmp_path / "sets" / ID
     assert ROOT not in os.environ
     monkeypatch.setenv(ROOT, str(tmp_path / "sets"))
     read = minari.load_dataset(ID)
