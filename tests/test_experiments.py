@@ -336,7 +336,8 @@ def test_practice_is_compared_with_the_skill_it_started_from(tmp_path: Path, mon
     monkeypatch.setattr(rows, "QUICK_EPISODES", 1)
     case = finetuning.Case(MOVE_OBJECT, "sequence-graph", 1.0, 1, ("cma",), variant="lr-at-once")
     monkeypatch.setattr(finetuning, "CASES", (case,))
-    assert "move-object" not in finetuning.run(tmp_path, True, 1, only="light-bulb")
+    with pytest.raises(InvalidArgumentError, match="no row begins with 'light-bulb'"):
+        finetuning.run(tmp_path, True, 1, only="light-bulb")
     table = finetuning.run(tmp_path, True, 1)
     assert "| move-object | sequence-graph-lr-at-once | 1 | 1 | 0 | cma |" in table
     monkeypatch.setattr(finetuning, "load_skill", lambda path: pytest.fail("a finished row was made again"))
