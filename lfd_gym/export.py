@@ -6,7 +6,7 @@ import re
 import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -46,29 +46,26 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
         raise InvalidArgumentError(f"there is a data set '{folder}' already; choose another name")
     check_writable(folder)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    env = make(env_id, **first.env_kwargs)
-    if env.spec is None or callable(env.spec.entry_point):
-        raise InvalidArgumentError(
-            f"{env_id} is registered by its class; register it as 'module:Class', which can be stored"
-        )
-    try:
-        with (
-            tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary,
-            _below(temporary),
-            warnings.catch_warnings(),
-        ):
-            warnings.filterwarnings("ignore", "`(code_permalink|author|author_email|eval_env)` is set to None")
-            minari.create_dataset_from_buffers(
-                dataset_id,
-                [_episode(minari, i, demonstration) for i, demonstration in enumerate(demonstrations)],
-                env=env,
-                algorithm_name="{name}, noise {noise}, {mode}".format(**first.teacher),
-                description="Demonstrations of a scripted teacher of lfd_gym.",
-                requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
+    with (
+        closing(make(env_id, **first.env_kwargs)) as env,
+        tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary,
+        _below(temporary),
+        warnings.catch_warnings(),
+    ):
+        if env.spec is None or callable(env.spec.entry_point):
+            raise InvalidArgumentError(
+                f"{env_id} is registered by its class; register it as 'module:Class', which can be stored"
             )
-            (Path(temporary) / dataset_id).rename(folder)
-    finally:
-        env.close()
+        warnings.filterwarnings("ignore", "`(code_permalink|author|author_email|eval_env)` is set to None")
+        minari.create_dataset_from_buffers(
+            dataset_id,
+            [_episode(minari, i, demonstration) for i, demonstration in enumerate(demonstrations)],
+            env=env,
+            algorithm_name="{name}, noise {noise}, {mode}".format(**first.teacher),
+            description="Demonstrations of a scripted teacher of lfd_gym.",
+            requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
+        )
+        (Path(temporary) / dataset_id).rename(folder)
     return folder
 
 

@@ -140,13 +140,14 @@ def draw(rows: Sequence[Row], folder: Path) -> None:
 
 
 def _curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], ...]:
-    """Mean abscissa, successes and episodes of the evaluations that every seed has; it ends where the rows say."""
+    """Mean abscissa, successes and episodes of the evaluations that every seed has; what was shown before counts too."""
     n = min(len(row["curve"]) for row in rows)
-    x = np.mean([[point[key] for point in row["curve"][:n]] for row in rows], axis=0)
+    before = [row["facts"][key] - row["curve"][-1][key] for row in rows]
+    x = np.mean([[b + point[key] for point in row["curve"][:n]] for b, row in zip(before, rows, strict=True)], axis=0)
     counts = (
         np.sum([[p[name] for p in row["curve"][:n]] for row in rows], axis=0) for name in ("successes", "episodes")
     )
-    return (x + _mean_fact(rows, key) - x[-1], *counts)
+    return (x, *counts)
 
 
 def _mean_fact(rows: Sequence[Row], name: str) -> float:

@@ -12,6 +12,7 @@ fresh setups, and the one before is returned unless the one after scores as much
 
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +52,8 @@ def finetune(
     """
     method = look_up(FINETUNERS, "method", name)
     env_id, kwargs = environment_id(env_id), checked_kwargs(env_kwargs or {})
-    env = make(env_id, **kwargs)
-    check_fits(skill, env)
-    env.close()
+    with closing(make(env_id, **kwargs)) as env:
+        check_fits(skill, env)
     if episodes < FEWEST:
         raise InvalidArgumentError(f"{episodes} episodes; at least {FEWEST} are needed")
     checked = min(MOST_CHECKED, episodes // FEWEST)

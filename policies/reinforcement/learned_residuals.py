@@ -74,7 +74,11 @@ def _trained(
     most = round(float(example.unwrapped.time_limit) * decisions_per_second * practice.episodes)
     example.close()
     schedule = Schedule(
-        most, min(most // 10, 25_000), evaluate_every=0, episodes=practice.episodes, progress=practice.progress
+        most,
+        min(most // 10, Schedule.checkpoint_every),
+        evaluate_every=0,
+        episodes=practice.episodes,
+        progress=practice.progress,
     )
     task = Task(how, env, export, lambda agent: None, practice.env_id, practice.env_kwargs, practice.seed, make, load_)
     identity = {"skill": practice.skill.kind, "contents": joblib.hash(practice.skill.to_arrays())}
