@@ -19,7 +19,7 @@ from policies.moa.frames import Frames
 from policies.path_generators import AttractorPath
 from policies.reinforcement import finetuning, refined_graph, settings, skill_parameters
 from policies.reinforcement.growth import Growth
-from policies.reinforcement.practice import Practice, practise, scores
+from policies.reinforcement.practice import Episode, Practice, practise, scores
 from policies.reinforcement.residual import SHIFT, adjusted
 from policies.sequence_graph_learner import SequenceGraphLearner
 from policies.sequence_graph_skill import SequenceGraphSkill
@@ -193,9 +193,58 @@ def test_a_search_finds_a_planted_optimum(name: str) -> None:
     assert np.array_equal(found.x, again.x)
 
 
+@pytest.mark.parametrize("method", ["by_cma", "by_gradient"])
+def test_a_killed_search_goes_on_and_repeats_no_generation(
+    method: str, skill: SequenceGraphSkill, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("cma", reason="the rl extra is not installed")
+    from policies.reinforcement import parameter_search
+
+    practised: list[int] = []
+
+    def planted(skills: Any, env_id: str, env_kwargs: Any, seeds: Any, jobs: int) -> list[list[Episode]]:
+        if len(practised) == killed_after:
+            raise KeyboardInterrupt
+        practised.append(seeds[0])
+        return [[Episode(-float(np.sum((s.primitives.goal - 1.0) ** 2)), 2.0)] * len(seeds) for s in skills]
+
+    monkeypatch.setattr(parameter_search, "practise", planted)
+    search, killed_after = getattr(parameter_search, method), -1
+    whole, facts = search(Practice(skill, ENV_ID, {}, 400, tmp_path / "whole"))
+    generations = practised.copy()
+    practised, killed_after = [], 3
+    with pytest.raises(KeyboardInterrupt):
+        search(Practice(skill, ENV_ID, {}, 400, tmp_path / "killed"))
+    killed_after = -1
+    resumed, again = search(Practice(skill, ENV_ID, {}, 400, tmp_path / "killed"))
+    assert practised == generations
+    assert len(generations) > 5
+    assert np.array_equal(resumed.primitives.goal, whole.primitives.goal)
+    assert not np.array_equal(resumed.primitives.goal, skill.primitives.goal)
+    assert {**again, "seconds": 0.0} == {**facts, "seconds": 0.0}
+    parameters = skill_parameters.parameters_of(skill)
+    other = parameters.applied(np.ones(parameters.size))
+    for refused in (
+        Practice(other, ENV_ID, {}, 400, tmp_path / "killed"),
+        Practice(skill, ENV_ID, {}, 16, tmp_path / "killed"),
+    ):
+        with pytest.raises(InvalidArgumentError, match="of another search; remove it"):
+            search(refused)
+    file = tmp_path / "killed" / "search.json"
+    for damaged in (file.read_text()[:-20], file.read_text().replace('"scores"', '"score"'), "[]"):
+        file.write_text(damaged)
+        with pytest.raises(InvalidArgumentError, match="damaged"):
+            search(Practice(skill, ENV_ID, {}, 400, tmp_path / "killed"))
+
+
 def spoil(practice: Practice) -> tuple[Any, dict[str, Any]]:
     parameters = skill_parameters.parameters_of(practice.skill)
-    return parameters.applied(np.full(parameters.size, 8.0)), {"episodes": 3, "updates": 1, "simulated_hours": 0.0}
+    return parameters.applied(np.full(parameters.size, 8.0)), {
+        "episodes": 3,
+        "updates": 1,
+        "simulated_hours": 0.0,
+        "seconds": 0.0,
+    }
 
 
 def test_what_does_worse_is_not_kept(

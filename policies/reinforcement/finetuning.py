@@ -45,7 +45,7 @@ def finetune(
     jobs: int = 1,
     progress: bool = False,
 ) -> Skill:
-    """The skill after about so many episodes of practice; `folder` keeps checkpoints of the methods that have them.
+    """The skill after about so many episodes of practice; one that was killed goes on from what `folder` keeps.
 
     Raises UnknownNameError for an unknown method, and InvalidArgumentError for a skill of another environment or control step,
     one that the method cannot practise, arguments that the method decides, and fewer than 16 episodes.
@@ -58,8 +58,8 @@ def finetune(
         raise InvalidArgumentError(f"{episodes} episodes; at least {FEWEST} are needed")
     checked = min(MOST_CHECKED, episodes // FEWEST)
     practice = Practice(skill, env_id, kwargs, episodes - 2 * checked, folder, seed, jobs, progress)
-    since = time.monotonic()
     after, facts = method(practice)
+    since = time.monotonic()
     first = practice.first_seed + SEEDS_PER_PRACTICE // 2
     check = practise([skill, after], env_id, kwargs, range(first, first + checked), jobs)
     before_score, after_score = scores(check).tolist()
@@ -69,7 +69,7 @@ def finetune(
         **facts,
         "episodes": facts["episodes"] + 2 * checked,
         "simulated_hours": round(facts["simulated_hours"] + seconds / 3600.0, 4),
-        "seconds": round(time.monotonic() - since, 1),
+        "seconds": round(facts["seconds"] + time.monotonic() - since, 1),
         "check": [before_score, after_score],
         "kept": bool(after_score >= before_score),
     }

@@ -88,5 +88,6 @@ def _trained(
         "episodes": facts["training_episodes"],
         "updates": facts["updates"],
         "simulated_hours": facts["simulated_hours"],
+        "seconds": facts["seconds"],
         "decisions": facts["decisions"],
     }

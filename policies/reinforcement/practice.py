@@ -44,7 +44,7 @@ class Practice:
 
 
 Practised = tuple[Skill, dict[str, Any]]
-"""The skill that came of it, and "episodes", "updates", "simulated_hours" and other facts."""
+"""The skill that came of it, and "episodes", "updates", "simulated_hours", "seconds" and other facts."""
 
 
 class Episode(NamedTuple):
