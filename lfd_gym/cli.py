@@ -204,7 +204,8 @@ def finetune(
 ) -> None:
     """Let a skill practise in an environment; what became of it is kept if it does not do worse.
 
-    The same command again goes on where it stopped. Checkpoints beside it are pickles, which can run code: go on only with your own.
+    The same command again goes on where it stopped. Checkpoints beside it are pickles, which can run code: go on only with
+    your own.
     """
     from lfd_gym.registry import load
     from policies import load_skill
