@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lfd_gym.errors import InvalidArgumentError, RenderingUnavailableError, UnknownNameError
+from lfd_gym.errors import InvalidArgumentError, RenderingUnavailableError
 from lfd_gym.paths import written_whole
 from lfd_gym.rollout import Policy, rollout
 
@@ -84,9 +84,6 @@ class OffscreenRenderer:
         """Make the OpenGL context; `size` is (height, width) [px] and `camera` one of the model's."""
         import mujoco
 
-        known = [model.camera(i).name for i in range(model.ncam)]
-        if camera not in known:
-            raise UnknownNameError("camera", camera, known)
         height, width = size
         model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
         model.vis.global_.offheight = max(model.vis.global_.offheight, height)

@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 from registered import IDS, actions, assert_equal, make, trajectory
 
 from lfd_gym import wam
-from lfd_gym.errors import InvalidActionError, InvalidArgumentError
+from lfd_gym.errors import InvalidActionError, InvalidArgumentError, UnknownNameError
 from lfd_gym.registry import ENVIRONMENTS, load
 
 ROOT = Path(__file__).parent.parent
@@ -133,6 +133,11 @@ def test_impossible_arguments_are_refused(argument: str, value: object) -> None:
     for env_id in IDS:
         with pytest.raises(InvalidArgumentError, match=argument):
             load(ENVIRONMENTS[env_id].entry_point)(**{argument: value})
+
+
+def test_an_unknown_camera_is_refused_before_the_first_picture() -> None:
+    with pytest.raises(UnknownNameError, match="no camera 'everywhere'.*overview"):
+        make(IDS[0], camera="everywhere")
 
 
 def test_the_time_limit_is_in_seconds_at_any_rate(env: Any) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
-from lfd_gym.errors import InvalidArgumentError, is_number
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError, is_number
 from lfd_gym.perturbation import SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
@@ -135,6 +135,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._schedule = Schedule(self.perturbation, len(self.frames))
         spec = wam.scene_spec(self.scene, self.tool, self.tool_offset)
         self.model = spec.compile()
+        cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
+        if camera not in cameras:
+            raise UnknownNameError("camera", camera, cameras)
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
         self._tips = [i for i in range(self.model.ngeom) if self.model.geom(i).name.endswith("_tip")]
