@@ -9,7 +9,8 @@ state just after it, and a skill that learned "before is stay" waits at the goal
 2. *The demonstrator's own goal.* Goals differ by a centimetre from one demonstration to the next. Where a passage
    ended within `SCATTER` of the learned goal it had arrived, and its distances are taken to its own end; so transitions
    are as accurate as single demonstrations, not as their spread. (Not for the hand, which stalls where an object lets
-   it.) A passage that was stopped early, where most to the same exit arrived, says nothing about that exit.
+   it.) Most passages to an exit that ended at rest had arrived wherever they are: the goals of a less careful
+   demonstrator are farther apart. One that was stopped early, where most to the same exit arrived, says nothing about it.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,8 @@ TOLERANCE = {"position": 0.004, "orientation": 0.035, "hand": 0.05, "force": 0.0
 goal itself is always well inside. Along a force axis nothing is reached: there it is the measurement's resolution."""
 SCATTER = {"position": 0.05, "orientation": 0.26, "hand": 0.35}
 """[m], [rad], [rad]: farther from the learned goal a passage did not end at it; three times a human's spread."""
+WIDER = 2.0
+"""Where most passages ended at rest: the same in medians of their distances."""
 MOVING = 3
 """Samples: a passage that was nearer to its end for less than this did not rest there."""
 END = -1
@@ -89,9 +92,11 @@ class PassageData:
             for m, measured in enumerate(measurements)
             for k in self.labels
         }
+        self._scatter: dict[tuple[int, int], dict[str, float]] = {}
         self._arrived: dict[tuple[int, int], set[str]] = {}
         for node, exit_ in {(p.node, p.exit) for p in self.passages if p.node != 0}:
             own = [p for p in self.passages if (p.node, p.exit) == (node, exit_)]
+            self._scatter[node, exit_] = self._widened(own)
             entities = self.controlled(graph.labels[node])
             self._arrived[node, exit_] = {e for e in entities if np.mean([self._at_goal(p, e) for p in own]) >= 0.5}
 
@@ -180,8 +185,19 @@ class PassageData:
         return x
 
     def _at_goal(self, p: Passage, entity: str) -> bool:
+        return self._missed(p, entity) <= self._scatter[p.node, p.exit][entity]
+
+    def _missed(self, p: Passage, entity: str) -> float:
+        """Distance of the end of a passage to the learned goal."""
         k = self.graph.labels[p.node]
-        return bool(self.distance(k, entity, self._deviations[p.demonstration, k][p.stop]) <= SCATTER[entity])
+        return float(self.distance(k, entity, self._deviations[p.demonstration, k][p.stop]))
+
+    def _widened(self, own: list[Passage]) -> dict[str, float]:
+        """`SCATTER`, or more where most of the passages ended at rest; the hand also rests where an object stops it."""
+        if self.interrupted(own[0].node, own[0].exit):
+            return SCATTER
+        ends = {e: WIDER * float(np.median([self._missed(p, e) for p in own])) for e in ("position", "orientation")}
+        return {e: max(most, ends.get(e, 0.0)) for e, most in SCATTER.items()}
 
 
 def _settled(outside: NDArray[np.bool_]) -> int:

@@ -56,6 +56,24 @@ def test_one_demonstration_is_enough_in_a_simple_world():
     assert sum(solve(skill, seed)[0] for seed in range(4)) >= 3
 
 
+def test_goals_that_are_far_apart_are_waited_for_all_the_same(taught):
+    """A demonstrator who drops the lid 8 cm from where the others did waits to be there, and not for a grip alone."""
+    offsets = np.array([[0.08, 0.0, 0.0], [-0.04, 0.07, 0.0], [-0.04, -0.07, 0.0]])
+    rows = list(PRIMITIVES)
+    rows[CARRY] = rows[CARRY]._replace(hand=rows[CARRY].hand._replace(axes=("position",) * 4))
+    careless = []
+    for demonstration, offset in zip(taught, offsets, strict=True):
+        seen = {name: values.copy() for name, values in demonstration.observations.items()}
+        seen["frame_bin"][:, :3] += offset
+        carried = np.flatnonzero(demonstration.labels == CARRY)
+        seen["hand_position"][carried, 1:] -= np.linspace(0.6, -0.6, len(carried)).clip(0.0)[:, None]
+        careless.append(changed(demonstration, observations=seen, primitives=tuple(rows)))
+    skill = SequenceGraphLearner(outliers="keep").fit(careless).skill_
+    carries = [node for node, label in zip(skill.nodes, skill.graph.labels, strict=True) if label == CARRY]
+    assert all("position" in node.feature_names for node in carries)
+    assert sum(solve(skill, seed)[0] for seed in range(5)) >= 4
+
+
 def test_no_goal_is_a_trap(taught):
     """Without patience every decision at a goal must be to leave it."""
     skill = SequenceGraphLearner(patience=None).fit(taught).skill_
