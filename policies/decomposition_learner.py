@@ -1,12 +1,13 @@
 """The learner of chapter 3: primitives, graph and transitions from demonstrations without labels."""
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
-from policies.decomposition.checks import check_demonstrations
-from policies.decomposition.labelling import labelled
+from policies.decomposition.checks import DecompositionWarning, check_demonstrations
+from policies.decomposition.labelling import agreeing, labelled
 from policies.decomposition.methods import method_named
 from policies.decomposition.result import Decomposition
 from policies.learner import Learner
@@ -64,8 +65,14 @@ class DecompositionLearner(Learner):
                     f"demonstration {i} is a single movement as far as can be seen; "
                     "pause where a movement ends, at least 0.2 s, so that movements can be told apart"
                 )
-        taught = [
-            dataclasses.replace(demonstration, labels=own, primitives=primitives)
-            for demonstration, own in zip(demonstrations, labels, strict=True)
-        ]
-        return learner.fit(taught).skill_
+        kept = agreeing(labels)
+        if left_out := sorted(set(range(len(labels))) - set(kept)):
+            warnings.warn(
+                f"the skill is learned without demonstrations {left_out}, in which movements follow each other as in no other",
+                DecompositionWarning,
+                stacklevel=3,
+            )
+        taught = [dataclasses.replace(demonstrations[m], labels=labels[m], primitives=primitives) for m in kept]
+        skill = learner.fit(taught).skill_
+        skill.taught_seeds = tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations)
+        return skill

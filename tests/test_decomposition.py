@@ -11,11 +11,12 @@ from sklearn.metrics import adjusted_rand_score
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
+from policies import decomposition_learner
 from policies.decomposition.bayesian import decompose
 from policies.decomposition.changes import Visit, _carried, _places, changes, together
 from policies.decomposition.checks import DecompositionWarning
 from policies.decomposition.evidence import LOG_APART, Evidence, Statistics
-from policies.decomposition.labelling import Row, absorbed, labelled
+from policies.decomposition.labelling import Labels, Row, absorbed, agreeing, labelled
 from policies.decomposition.objective import Objective
 from policies.decomposition.observed import observe
 from policies.decomposition.result import Decomposition
@@ -90,6 +91,21 @@ def test_one_segment_alone_says_nothing_about_its_rigid_frame() -> None:
     plain = [f for f, s in enumerate(observed.spaces) if not any(s.held)][:3]
     log = Evidence(observed, (0.5, 0.15)).spaces(Evidence(observed, (0.5, 0.15)).single)
     np.testing.assert_allclose(log[:, plain], log[:, plain[:1]] * np.ones(3), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_one_demonstration_showed_is_about_what_is_near(seed: int) -> None:
+    demonstrations, _ = planted(1, np.random.default_rng(seed))
+    seen, position = demonstrations[0].observations, decompose(demonstrations).entities["position"]
+    chosen = []
+    for part, k in zip(position.data.segments, position.assignment, strict=True):
+        place = seen["tool_position"][part.stop]
+        away = {name: np.linalg.norm(place - seen[f"frame_{name}"][0, :3]) for name in ("lid", "bin")} | {"world": 0.5}
+        nearest, second = sorted(away, key=lambda name: away[name])[:2]
+        if away[second] - away[nearest] > 0.02:
+            chosen.append(position.primitives[k].space.frame == nearest)
+    assert all(chosen)
+    assert len(chosen) >= 3
 
 
 def test_evidence_of_a_pair_is_its_marginal_likelihood() -> None:
@@ -176,6 +192,31 @@ def test_rare_labels_in_a_row_give_way_together() -> None:
     usual, rare, elsewhere = np.array([0, 1, 1, 2, 3]), np.array([0, 4, 4, 5, 3]), np.array([0, 4, 4, 6, 3])
     got = absorbed([usual, usual, usual, rare, elsewhere], rows)
     np.testing.assert_array_equal(got, [usual, usual, usual, usual, elsewhere])
+
+
+def test_demonstrations_that_go_their_own_way_are_left_out_where_most_agree() -> None:
+    again, once, own = np.array([0, 1, 0, 1, 2, 2]), np.array([0, 0, 1, 1, 2, 2]), np.array([0, 1, 3, 3, 2, 2])
+    skips = np.array([0, 0, 0, 2, 2, 2])
+    assert agreeing([again, once, again, own, skips]) == [0, 1, 2]
+    assert agreeing([again, again, once]) == [0, 1, 2]
+    assert agreeing([again, own, again]) == [0, 1, 2]
+    assert agreeing([again, again, own, own]) == [0, 1, 2, 3]
+    assert agreeing([again]) == [0]
+
+
+def test_the_skill_is_learned_from_demonstrations_that_agree(
+    shown: list[Demonstration], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def garbled(demonstrations: list[Demonstration], found: Decomposition) -> Labels:
+        labels, primitives = labelled(demonstrations, found)
+        return Labels([*labels[:-1], labels[-1][::-1].copy()], primitives)
+
+    monkeypatch.setattr(decomposition_learner, "labelled", garbled)
+    four = [*shown, teach(6)]
+    with pytest.warns(DecompositionWarning, match=r"without demonstrations \[3\]"):
+        skill = DecompositionLearner().fit(four).skill_
+    assert len(skill.taught_seeds) == len(four)
+    assert sum(solve(skill, seed)[0] for seed in range(4)) >= 3
 
 
 def test_what_presses_is_found(found: Decomposition) -> None:

@@ -1,7 +1,8 @@
 """Our own decomposition: Bayesian evidence of end points with incomplete segments, searched deterministically.
 
 The position comes first. The task space of the position primitive that is active while an orientation segment arrives is a hint
-for the space of its primitive: what the hand goes to is what it aligns with.
+for the space of its primitive: what the hand goes to is what it aligns with. Ends of a single demonstration do not tell frames
+apart; there a goal is likely to be about an object that is near it.
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,9 @@ from policies.decomposition.segmentation import interrupted
 from policies.decomposition.task_spaces import EntitySegments, entity_segments
 
 Array = NDArray[np.float64]
+
+NEAR, WORLD = 0.1, 0.5
+"""Mean distance of a goal from the object that it is about [m], and how far away the world counts as."""
 
 
 def decompose(demonstrations: Sequence[Demonstration]) -> Decomposition:
@@ -41,6 +45,8 @@ def decompose_entity(
     posterior = _posterior(objective.evidence, objective, best)
     spaces = np.array([space.number for space in observed.spaces])
     per_space = np.stack([posterior[:, spaces == f].sum(axis=1) for f in range(len(data.spaces))], axis=1)
+    if data.entity == "position":
+        per_space = _near(data, best, per_space)
     held = []
     for k, row in enumerate(per_space):
         own = np.where(spaces == np.argmax(row), posterior[k], 0.0)
@@ -54,6 +60,22 @@ def _posterior(evidence: Evidence, objective: Objective, best: Assignment) -> Ar
     log = evidence.spaces(objective.sets(best))
     weights = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _near(data: EntitySegments, best: Assignment, posterior: Array) -> Array:
+    """The posterior (K, F) after a prior exp(-distance / NEAR) for primitives that one demonstration showed."""
+    result = posterior.copy()
+    frames = [space.frame for space in data.spaces]
+    for k in range(len(result)):
+        own = np.flatnonzero(best.primitive == k)
+        if len({data.segments[i].demonstration for i in own}) == 1:
+            away = [WORLD] + [
+                float(np.median([np.linalg.norm(data.views[i][frames.index(frame)].end) for i in own]))
+                for frame in frames[1:]
+            ]
+            result[k] *= np.exp(-np.array(away) / NEAR)
+            result[k] /= result[k].sum()
+    return result
 
 
 def _aligned(data: EntitySegments, position: EntityDecomposition) -> Array:

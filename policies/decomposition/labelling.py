@@ -5,6 +5,7 @@ Every group of changes (`changes.py`) begins a label.
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +100,15 @@ def absorbed(labels: Sequence[Integers], rows: Sequence[Row]) -> list[Integers]:
                 for part, k in zip(rare_run[1:-1], names, strict=True):
                     result[m][part.start : part.stop] = k
     return result
+
+
+def agreeing(labels: Sequence[Integers]) -> list[int]:
+    """Demonstrations to learn from: all, or those in which no label follows another as in no other demonstration, where these
+    are at least `COMMON` and most."""
+    steps = [set(pairwise(part.label for part in segments(own))) for own in labels]
+    shown = Counter(step for own in steps for step in own)
+    kept = [m for m, own in enumerate(steps) if all(shown[step] > 1 for step in own)]
+    return kept if len(kept) >= max(COMMON, len(labels) // 2 + 1) else list(range(len(labels)))
 
 
 def _runs(parts: Sequence[Segment], rare: Sequence[bool]) -> Iterator[Sequence[Segment]]:
