@@ -93,6 +93,29 @@ def test_an_agent_that_has_not_learned_decides_as_the_graph_does(small: Any, ski
     assert np.array_equal(world.unwrapped.get_state()[:7], tool)
 
 
+def test_the_exported_skill_scores_as_the_agent_and_rules_nothing_out(small: Any, skill: SequenceGraphSkill) -> None:
+    import torch
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    env = refined_graph.GraphDecisions(make(ENV_ID, reward_type="dense"), skill)
+    agent = small.make_graph_agent(small.GRAPH_PPO, DummyVecEnv([lambda: env]))
+    net = agent.policy.action_net
+    torch.manual_seed(0)
+    torch.nn.init.normal_(net.last.weight, std=5.0)
+    refined = refined_graph.RefinedGraphSkill.of(skill, small.residual_network(agent), {})
+    rng, furthest = np.random.default_rng(0), 0.0
+    for node in range(len(skill.nodes) - 1):
+        decision, n = skill.nodes[node].decision, len(skill.nodes[node].feature_primitives)
+        for features in rng.uniform(size=(5, n)):
+            log_p = refined_graph.log_probabilities(decision, features)
+            x = torch.as_tensor(env.inputs.whole(node, features, log_p))[None]
+            scores = refined.scores(node, decision, features)
+            logits = net(x)[0].detach().numpy()[: len(log_p)]
+            assert scores == pytest.approx(logits, abs=1e-4)
+            furthest = max(furthest, np.abs(scores - log_p).max())
+    assert 0.9 * refined_graph.BOUND < furthest <= refined_graph.BOUND
+
+
 def test_nothing_comes_after_the_last_node(small: Any, skill: SequenceGraphSkill) -> None:
     """A task that the graph believes done and that is not fails: it is not cut off in the middle."""
     lost = copy.deepcopy(skill)

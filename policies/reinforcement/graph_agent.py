@@ -9,6 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from policies.reinforcement.network import Network
+from policies.reinforcement.refined_graph import BOUND
 from policies.reinforcement.settings import TrainingSettings
 
 WIDTH = 64
@@ -38,7 +39,7 @@ class _Inputs(nn.Module):
 
 
 class _Residual(nn.Module):
-    """Logits l + W2 tanh(W1 x + b1) + b2 for inputs (x, l); W2 and b2 start at zero."""
+    """Logits l + b tanh(z / b), z = W2 tanh(W1 x + b1) + b2, for inputs (x, l); W2 and b2 start at zero."""
 
     def __init__(self, n_inputs: int, n_classes: int) -> None:
         super().__init__()
@@ -49,7 +50,8 @@ class _Residual(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """The logits."""
-        logits: torch.Tensor = x[:, self.n_inputs :] + self.last(torch.tanh(self.first(x[:, : self.n_inputs])))
+        z = self.last(torch.tanh(self.first(x[:, : self.n_inputs])))
+        logits: torch.Tensor = x[:, self.n_inputs :] + BOUND * torch.tanh(z / BOUND)
         return logits
 
 

@@ -2,6 +2,7 @@
 
 What is decided is which class of the active node's classifier is followed: to stay, or to go to one of its successors. Its
 logarithmic probabilities are the frozen part; a network of node and features adds to them (thesis 5.2.3, Sutton et al. 1999).
+What it adds is bounded: a choice that fails while an earlier decision is not yet right stays possible until it is.
 """
 
 from collections.abc import Mapping
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 LEAST = 5.0
 """Logarithmic probabilities below minus this are drawn nearer, so that a residual of moderate size can overrule any."""
+BOUND = 5.0
+"""The residual is r = b tanh(z / b) of the network's output z."""
 DECISION_TIME = 0.2
 """While it is learned, a class that was chosen is kept for this time [s], or until it leads to another node."""
 
@@ -85,7 +88,8 @@ class RefinedGraphSkill(SequenceGraphSkill):
     def scores(self, node: int, decision: Decision, features: Array) -> Array:
         """Frozen log-probabilities and residual."""
         log_p = log_probabilities(decision, features)
-        return log_p + self.network(self._inputs.residual_inputs(node, features))[: len(log_p)]
+        z = self.network(self._inputs.residual_inputs(node, features))[: len(log_p)]
+        return log_p + BOUND * np.tanh(z / BOUND)
 
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """The graph's, and the network's."""

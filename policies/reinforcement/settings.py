@@ -82,7 +82,7 @@ _ON_POLICY = TrainingSettings("ppo", n_envs=8, rollout=4096, hyperparameters=PPO
 
 GRAPH_PPO = TrainingSettings(
     "maskable-ppo", discount=0.998, n_envs=4, rollout=1024,
-    hyperparameters={"learning_rate": 1e-3, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.0},
+    hyperparameters={"learning_rate": 1e-3, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.01},
 )  # fmt: skip
 """Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
