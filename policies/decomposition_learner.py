@@ -18,8 +18,8 @@ from policies.skill import Skill
 class DecompositionLearner(Learner):
     """Finds the primitives of every entity, then learns one sequence graph whose nodes activate one primitive of each (3.4).
 
-    Neither labels nor the primitive table of the demonstrations are read. Demonstrations in which movements follow each other as
-    in no other are left out of the graph where most agree, and named: what is found once is more often wrong than rare.
+    Neither labels nor the primitive table of the demonstrations are read. Demonstrations in which movements follow each other
+    as in no other are left out of the graph where most agree, and named: what is found once is more often wrong than rare.
 
     Parameters:
         method: of the decomposition, a key of `METHODS` (`decomposition/methods.py`): ours, the thesis's, or a baseline.
