@@ -67,7 +67,7 @@ class DecompositionLearner(Learner):
                     "pause where a movement ends, at least 0.2 s, so that movements can be told apart"
                 )
         kept = agreeing(labels)
-        if left_out := sorted(set(range(len(labels))) - set(kept)):
+        if left_out := [m for m in range(len(labels)) if m not in kept]:
             warnings.warn(
                 f"the skill is learned without demonstrations {left_out}, in which movements follow each other as in no other",
                 DecompositionWarning,

@@ -14,7 +14,7 @@ from lfd_gym.demonstration import Demonstration
 from policies.decomposition.evidence import Evidence
 from policies.decomposition.extraction import extract
 from policies.decomposition.objective import Assignment, Objective
-from policies.decomposition.observed import observe
+from policies.decomposition.observed import observe, rigid
 from policies.decomposition.result import Decomposition, EntityDecomposition
 from policies.decomposition.search import search
 from policies.decomposition.segmentation import interrupted
@@ -65,15 +65,13 @@ def _posterior(evidence: Evidence, objective: Objective, best: Assignment) -> Ar
 def _near(data: EntitySegments, best: Assignment, posterior: Array) -> Array:
     """The posterior (K, F) after a prior exp(-distance / NEAR) for primitives that one demonstration showed."""
     result = posterior.copy()
-    frames = [space.frame for space in data.spaces]
     for k in range(len(result)):
         own = np.flatnonzero(best.primitive == k)
         if len({data.segments[i].demonstration for i in own}) == 1:
-            away = [WORLD] + [
-                float(np.median([np.linalg.norm(data.views[i][frames.index(frame)].end) for i in own]))
-                for frame in frames[1:]
-            ]
-            result[k] *= np.exp(-np.array(away) / NEAR)
+            ends = np.array([[data.views[i][f].end for f in rigid(data)] for i in own])
+            away = np.median(np.linalg.norm(ends, axis=2), axis=0)
+            away[0] = WORLD
+            result[k] *= np.exp(-away / NEAR)
             result[k] /= result[k].sum()
     return result
 

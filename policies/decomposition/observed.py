@@ -131,7 +131,7 @@ def observe(data: EntitySegments, hints: Array | None = None, interrupted: NDArr
     happened = np.zeros(len(moves), dtype=bool) if interrupted is None else interrupted
     ends = np.array([[view.end for view in row] for row in data.views])[:, chosen] * scale
     starts = np.array([[view.start for view in row] for row in data.views])[:, chosen] * scale
-    lengths = np.array([[view.length for view in row] for row in data.views])[:, _rigid(data)] / unit
+    lengths = np.array([[view.length for view in row] for row in data.views])[:, rigid(data)] / unit
     directions = _directions(data, lengths, following, scale)
     constants = _constants(data, lengths, unit)[:, chosen] + _held(ends - starts, held, moves)
     log_hints = np.log((np.ones(lengths.shape) if hints is None else hints) + HINT_FLOOR)[:, chosen]
@@ -177,7 +177,7 @@ def _turned_log_volume(data: EntitySegments) -> float:
     return float(min(np.log(extents).sum(), np.log(8.0 * np.pi**2 / unit**3)))
 
 
-def _rigid(data: EntitySegments) -> list[int]:
+def rigid(data: EntitySegments) -> list[int]:
     """Per task space the one that has distances of its frame: an angle about an axis that is near tells nothing of a way."""
     frames = [space.frame for space in data.spaces]
     return [frames.index(frame) for frame in frames]

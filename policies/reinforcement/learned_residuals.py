@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-import joblib
-
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.view import DECISION_TIME, View
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
@@ -81,8 +79,7 @@ def _trained(
         progress=practice.progress,
     )
     task = Task(how, env, export, lambda agent: None, practice.env_id, practice.env_kwargs, practice.seed, make, load_)
-    identity = {"skill": practice.skill.kind, "contents": joblib.hash(practice.skill.to_arrays())}
-    after = run(task, schedule, practice.folder, identity)
+    after = run(task, schedule, practice.folder, practice.identity)
     facts = dict(after.metadata["training"])
     return after, {
         "episodes": facts["training_episodes"],

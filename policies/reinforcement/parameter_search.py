@@ -1,11 +1,9 @@
 """Fine-tuning (a): practice of a skill's few parameters, without gradients of the simulation."""
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,10 +39,10 @@ def _search(practice: Practice, method: Callable[..., search.Found]) -> Practise
     first = practice.first_seed
     bar = track(range(generations), generations, "generations", practice.progress)
     job = {
-        "method": method.__name__, "skill": practice.skill.kind, "contents": joblib.hash(practice.skill.to_arrays()),
-        "env_id": practice.env_id, "env_kwargs": practice.env_kwargs, "seed": practice.seed, "setups": SETUPS,
+        **practice.identity, "method": method.__name__, "env_id": practice.env_id, "env_kwargs": practice.env_kwargs,
+        "seed": practice.seed, "setups": SETUPS,
     }  # fmt: skip
-    log = SearchLog(practice.folder / "search.json", json.loads(json.dumps(job)))
+    log = SearchLog(practice.folder / "search.json", job)
 
     def score(candidates: Sequence[Array], generation: int) -> Array:
         def practised() -> dict[str, Any]:
@@ -58,7 +56,7 @@ def _search(practice: Practice, method: Callable[..., search.Found]) -> Practise
                 "seconds": time.monotonic() - since,
             }
 
-        return log.scored(candidates, practised)
+        return log.scored(generation, candidates, practised)
 
     found = method(score, parameters.size, bar, population, SIGMA, practice.seed)
     rows = log.generations[:generations]

@@ -38,6 +38,11 @@ class Practice:
     """A bar on a terminal."""
 
     @property
+    def identity(self) -> dict[str, str]:
+        """Which skill practises, for what is kept of it."""
+        return {"skill": self.skill.kind, "contents": joblib.hash(self.skill.to_arrays())}
+
+    @property
     def first_seed(self) -> int:
         """Reset seed of its first episode."""
         return PRACTICE_SEEDS + SEEDS_PER_PRACTICE * self.seed

@@ -25,8 +25,8 @@ class SearchLog:
     """
 
     def __init__(self, path: Path, job: Mapping[str, Any]) -> None:
-        """Read `path` if it is there; `job`, of JSON values, says which search it is."""
-        self._path, self._job, self._next = path, {"schema": SCHEMA, **job}, 0
+        """Read `path` if it is there; `job` says which search it is."""
+        self._path, self._job = path, json.loads(json.dumps({"schema": SCHEMA, **job}))
         self.generations: list[dict[str, Any]] = []
         if path.exists():
             try:
@@ -38,17 +38,16 @@ class SearchLog:
             if of_another:
                 raise self._of_another()
 
-    def scored(self, candidates: Sequence[Array], score: Callable[[], Mapping[str, Any]]) -> Array:
-        """Scores (n,) of the next generation's candidates; `score()` gives the rest of its row if it is not kept yet."""
+    def scored(self, generation: int, candidates: Sequence[Array], score: Callable[[], Mapping[str, Any]]) -> Array:
+        """Scores (n,) of the candidates of generation 0, 1, ...; `score()` gives the rest of its row if it is not kept yet."""
         asked = [np.asarray(candidate, dtype=float).tolist() for candidate in candidates]
-        if self._next == len(self.generations):
+        if generation == len(self.generations):
             self.generations.append({"candidates": asked, **score()})
             with written_whole(self._path) as temporary:
                 temporary.write_text(json.dumps({"job": self._job, "generations": self.generations}) + "\n")
-        row = self.generations[self._next]
+        row = self.generations[generation]
         if row["candidates"] != asked:
             raise self._of_another()
-        self._next += 1
         return np.array(row["scores"], dtype=np.float64)
 
     def _of_another(self) -> InvalidArgumentError:
