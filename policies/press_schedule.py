@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_opening
 
+from policies.task_space import SMALLEST_RADIUS
+
 Array = NDArray[np.float64]
 
 CONTACT_FORCE = 0.5
@@ -17,6 +19,12 @@ PRESS = 0.3
 """A shorter contact is no press: fingers that close give the tool a push [s]."""
 YIELDS = 0.01
 """What moves further than this along the force [m] within one contact is no wall: it is carried, or pushed."""
+STRONG = 0.9
+"""Quantile of the forces of a contact that counts as the strongest."""
+HALF = 0.5
+"""A press about an axis lasts while this share of the strongest is exerted."""
+SLIDES = 0.25
+"""Share of the arc by which the tool may slide along a press about an axis."""
 MOVES = 0.01
 """Slower movements [m/s] have no direction."""
 REMOTENESS = 0.02
@@ -43,7 +51,8 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
 
     There is contact where most demonstrations had it. Of each contact the force is one vector: the median of what was
     measured across the movement, for along it there is friction, in the frame in which the places of the demonstrations
-    differ least. Where the tool moved along the force, there was no wall to press on.
+    differ least. Where the tool moved along the force, there was no wall to press on, unless the force turned with the
+    tool about the frame's z axis: what is flipped bears a press towards its edge.
 
     Args:
         local: per demonstration the points in every frame (N, F, 3) [m].
@@ -64,12 +73,42 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
         at = slice(start, stop)
         f = int(np.argmin(_spread(points[:, at]).mean(axis=0)))
         exerted = np.array([-wrench[at, :3] @ a[f] for wrench, a in zip(wrenches, axes, strict=True)])
-        press = np.median(_across(exerted, points[:, at, f], dt).reshape(-1, 3), axis=0)
-        if np.linalg.norm(press) < CONTACT_FORCE:
-            continue
-        if np.ptp(points[:, at, f] @ (press / np.linalg.norm(press)), axis=1).max() < YIELDS:
-            force[at], frame[at] = press, f
+        here = points[:, at, f]
+        pressed = _straight(_across(exerted, here, dt), here)
+        if not pressed.any():
+            pressed = _about_the_axis(exerted, here)
+        if pressed.any():
+            force[at], frame[at] = pressed, f
     return PressSchedule(force, frame)
+
+
+def _straight(across: Array, points: Array) -> Array:
+    """One force (N, 3) [N] for a whole contact, or 0: from those across the movement (M, N, 3), and its points (M, N, 3)."""
+    press = np.median(across.reshape(-1, 3), axis=0)
+    strength = np.linalg.norm(press)
+    wall = strength >= CONTACT_FORCE and np.ptp(points @ (press / strength), axis=1).max() < YIELDS
+    return np.broadcast_to(press * wall, points.shape[1:])
+
+
+def _about_the_axis(exerted: Array, points: Array) -> Array:
+    """Of what was exerted, (M, N, 3): a force to the frame's z axis, or away from it, that turns with the tool.
+
+    It lasts from the first to the last step at which `HALF` of the strongest was exerted: before, the tool may push, and
+    withdraw afterwards. On what turns the tool may slide, along the force by the share `SLIDES` of the arc.
+    """
+    pressed = np.zeros(points.shape[1:])
+    radius = np.linalg.norm(points[..., :2], axis=-1)
+    outward = points * (1.0, 1.0, 0.0) / np.maximum(radius, SMALLEST_RADIUS)[..., None]
+    felt = np.median((exerted * outward).sum(axis=-1), axis=0)
+    strongest = float(np.quantile(np.abs(felt), STRONG))
+    if strongest < CONTACT_FORCE:
+        return pressed
+    steps = np.flatnonzero(np.abs(felt) >= HALF * strongest)
+    lasts = slice(steps[0], steps[-1] + 1)
+    turned = np.ptp(np.unwrap(np.arctan2(points[:, lasts, 1], points[:, lasts, 0]), axis=1), axis=1)
+    if np.all(np.ptp(radius[:, lasts], axis=1) < SLIDES * turned * radius[:, lasts].mean(axis=1)):
+        pressed[lasts] = np.median(felt[lasts]) * np.median(outward[:, lasts], axis=0)
+    return pressed
 
 
 def _across(force: Array, points: Array, dt: float) -> Array:

@@ -90,6 +90,30 @@ def test_friction_along_one_long_stroke_is_no_part_of_the_press():
     assert force == pytest.approx(np.tile([0.0, 0.0, -2.0], (200, 1)))
 
 
+def _on_an_arc(last: float) -> tuple[list[np.ndarray], np.ndarray]:
+    """A tool that comes from 0.4 m to 0.2 m within 60 steps and turns by an angle [rad] within 100 more; outward (160, 3)."""
+    radius = np.concatenate([np.linspace(0.4, 0.2, 60), np.full(100, 0.2)])
+    angle = np.concatenate([np.zeros(60), np.linspace(0.0, last, 100)])
+    outward = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    return [(radius[:, None] * outward)[:, None]] * 3, outward
+
+
+def test_a_press_turns_with_what_is_flipped():
+    local, outward = _on_an_arc(1.4)
+    wrench = np.zeros((160, 6))
+    wrench[:, :3] = np.where(np.arange(160)[:, None] < 60, 0.8, 9.0) * outward
+    force = learn_presses(local, [np.eye(3)[None]] * 3, [wrench] * 3, DT).force
+    assert np.array_equal(np.flatnonzero(force.any(axis=1)), np.arange(60, 160))
+    assert force[60:] == pytest.approx(-9.0 * outward[60:], abs=0.2)
+
+
+def test_what_is_pushed_towards_an_axis_is_not_pressed():
+    local, outward = _on_an_arc(1.4)
+    wrench = np.zeros((160, 6))
+    wrench[:, :3] = 5.0 * outward
+    assert not learn_presses([x[:70] for x in local], [np.eye(3)[None]] * 3, [wrench[:70]] * 3, DT).force.any()
+
+
 def test_chatter_is_no_gap_in_a_contact():
     wrench = np.zeros((100, 6))
     wrench[20:80, 2], wrench[50, 2], wrench[90, 2] = 4.0, 0.0, 4.0
