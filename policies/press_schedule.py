@@ -24,7 +24,7 @@ STRONG = 0.9
 HALF = 0.5
 """A press about an axis lasts while this share of the strongest is exerted."""
 SLIDES = 0.25
-"""Share of the arc by which the tool may slide along a press about an axis."""
+"""Share of the arc by which the tool may slide along a press that turns."""
 MOVES = 0.01
 """Slower movements [m/s] have no direction."""
 REMOTENESS = 0.02
@@ -94,20 +94,21 @@ def _about_the_axis(exerted: Array, points: Array) -> Array:
     """Of what was exerted, (M, N, 3): a force to the frame's z axis, or away from it, that turns with the tool.
 
     It lasts from the first to the last step at which `HALF` of the strongest was exerted: before, the tool may push, and
-    withdraw afterwards. On what turns the tool may slide, along the force by the share `SLIDES` of the arc.
+    withdraw afterwards. On what turns the tool may slide: in most demonstrations along the force by less than the share
+    `SLIDES` of its arc, which is more than a wall `YIELDS`.
     """
     pressed = np.zeros(points.shape[1:])
     radius = np.linalg.norm(points[..., :2], axis=-1)
     outward = points * (1.0, 1.0, 0.0) / np.maximum(radius, SMALLEST_RADIUS)[..., None]
     felt = np.median((exerted * outward).sum(axis=-1), axis=0)
-    strongest = float(np.quantile(np.abs(felt), STRONG))
-    if strongest < CONTACT_FORCE:
-        return pressed
-    steps = np.flatnonzero(np.abs(felt) >= HALF * strongest)
+    steps = np.flatnonzero(np.abs(felt) >= HALF * np.quantile(np.abs(felt), STRONG))
     lasts = slice(steps[0], steps[-1] + 1)
-    turned = np.ptp(np.unwrap(np.arctan2(points[:, lasts, 1], points[:, lasts, 0]), axis=1), axis=1)
-    if np.all(np.ptp(radius[:, lasts], axis=1) < SLIDES * turned * radius[:, lasts].mean(axis=1)):
-        pressed[lasts] = np.median(felt[lasts]) * np.median(outward[:, lasts], axis=0)
+    press = np.median(felt[lasts])
+    angle = np.unwrap(np.arctan2(points[:, lasts, 1], points[:, lasts, 0]), axis=1)
+    slack = SLIDES * np.ptp(angle, axis=1) * radius[:, lasts].mean(axis=1)
+    borne = (slack > YIELDS) & (np.ptp(radius[:, lasts], axis=1) < slack)
+    if abs(press) >= CONTACT_FORCE and borne.mean() > 0.5:
+        pressed[lasts] = press * np.median(outward[:, lasts], axis=0)
     return pressed
 
 
