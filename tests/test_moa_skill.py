@@ -116,9 +116,9 @@ def test_what_is_pushed_towards_an_axis_is_not_pressed():
 
 def test_on_the_axis_nothing_turns():
     """As where a bulb is pulled out of its holder, whatever the tool feels from the side."""
-    _, outward = _on_an_arc(1.4)
-    points = 0.003 * outward + np.linspace(0.0, 0.1, 160)[:, None] * [0.0, 0.0, 1.0]
-    wrench = np.zeros((160, 6))
+    outward = _on_an_arc(2.0 * np.pi)[1][60:]
+    points = 0.003 * outward + np.linspace(0.0, 0.1, 100)[:, None] * [0.0, 0.0, 1.0]
+    wrench = np.zeros((100, 6))
     wrench[:, :3] = 4.0 * outward - [0.0, 0.0, 8.0]
     assert not learn_presses([points[:, None]] * 3, [np.eye(3)[None]] * 3, [wrench] * 3, DT).force.any()
 
