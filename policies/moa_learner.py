@@ -15,6 +15,7 @@ from policies.learner import Learner
 from policies.moa.alignment import align
 from policies.moa.frames import Frames, resample
 from policies.moa.mixture_of_attractors import MixtureOfAttractors
+from policies.moa.tie_break import excess
 from policies.moa_skill import MoASkill
 from policies.movement_primitives import GRIP, PRESSES
 from policies.orientation_schedule import learn_orientations
@@ -23,6 +24,8 @@ from policies.press_schedule import in_contact, learn_presses
 
 Array = NDArray[np.float64]
 
+SLACK = 0.05
+"""The second criterion may spend this share of the least error, or what noise is expected to take away from it."""
 LARGEST = 1e3
 """Distances and times that are asked for are at most so long [m], [s]."""
 
@@ -102,7 +105,8 @@ class MoALearner(TrajectoryLearner):
         spacing: time between support points [s].
         margin: of the bounding boxes, see `MixtureOfAttractors`.
         solver: see `MixtureOfAttractors`.
-        second_stage: whether one of many nearly equal solutions is picked, see `policies.moa.tie_break`.
+        second_stage: whether one of many nearly equal solutions is picked, see `policies.moa.tie_break`; equal is what
+            differs by less than noise takes away from the error.
         events: scale of contact and hand in the alignment [m].
 
     Attributes:
@@ -134,7 +138,7 @@ class MoALearner(TrajectoryLearner):
         n_support = max(round(len(warps[0]) * dt / self.spacing), 2)
         self.model_ = MixtureOfAttractors(
             n_support, layout.alpha, layout.beta, dt,
-            margin=self.margin, solver=self.solver, second_stage=self.second_stage,
+            margin=self.margin, solver=self.solver, second_stage=self.second_stage, slack=max(SLACK, excess(len(points), 3)),
         ).fit(points, frames, warps)  # fmt: skip
         return AttractorPath.of(self.model_)
 

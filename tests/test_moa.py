@@ -1,5 +1,7 @@
 """MixtureOfAttractors: what it learns from demonstrations (thesis 4.3, 4.4)."""
 
+import itertools
+
 import numpy as np
 import pytest
 from moa_scenes import ALPHA, DT, draw, planted, random_frames, turn
@@ -10,6 +12,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownName
 from policies.moa.frames import Frames
 from policies.moa.mixture_of_attractors import MixtureOfAttractors, sparsity
 from policies.moa.start_and_end import least_error, start_and_end
+from policies.moa.tie_break import excess
 
 SETTINGS = {"n_support": 12, "alpha": ALPHA, "dt": DT, "aligned": True}
 
@@ -328,3 +331,47 @@ def test_a_solver_that_is_not_there_and_frames_that_do_not_fit():
         MixtureOfAttractors(**SETTINGS).fit([LINE], warps=[np.arange(50.0)] * 2)
     with pytest.raises(NotFittedError):
         MixtureOfAttractors().predict(WORLD, np.zeros(2))
+
+
+def test_noise_of_few_demonstrations_does_not_mix_frames():
+    """Three demonstrations whose places are 1 cm off: the least error fits that, at the price of the next scene."""
+    accounted, unaccounted = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        scenes = [_three_places(rng) for _ in range(3)]
+        shown = [_visit(places + 0.01 * rng.standard_normal((3, 2))) for places in scenes]
+        for errors, slack in ((accounted, excess(3, 2)), (unaccounted, 0.05)):
+            moa = learned(shown, [Frames.at(places) for places in scenes], n_support=30, slack=slack)
+            for new in (_three_places(np.random.default_rng(i)) for i in range(20)):
+                drawn = moa.predict(Frames.at(new), new[0])
+                errors += [np.linalg.norm(drawn[65] - new[1]), np.linalg.norm(drawn[-1] - new[2])]
+    assert np.max(accounted) < 0.02
+    assert np.max(unaccounted) > 0.05
+
+
+def test_excess_is_that_of_a_regression():
+    """Mean squared errors of a place and a share that are fitted to M points, and of those that are true."""
+    rng = np.random.default_rng(0)
+    true, least = 0.0, 0.0
+    for _ in range(2000):
+        noise = rng.standard_normal(3 * 3)
+        design = np.column_stack([np.tile(np.eye(3), (3, 1)), rng.standard_normal(9)])
+        true += noise @ noise
+        least += np.linalg.lstsq(design, noise)[1][0]
+    assert true / least - 1.0 == pytest.approx(excess(3, 3), rel=0.1)
+    assert excess(1, 3) == 0.0
+
+
+def _three_places(rng):
+    """The world's origin, and two places that vary by 10 cm."""
+    return np.array([[0.0, 0.0], [0.4, 0.0], [0.8, 0.4]]) + np.vstack([np.zeros(2), 0.1 * rng.standard_normal((2, 2))])
+
+
+def _visit(places):
+    """A movement (130, 2) from place to place, with rests."""
+    t = np.linspace(0.0, 1.0, 40)[:, None]
+    s = 10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5
+    parts = [np.repeat(places[:1], 10, axis=0)]
+    for a, b in itertools.pairwise(places):
+        parts += [a + s * (b - a), np.repeat(b[None], 20, axis=0)]
+    return np.vstack(parts)

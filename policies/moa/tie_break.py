@@ -29,6 +29,17 @@ LOOSE = 1e-4
 """Relative gap of the solutions on the way."""
 
 
+def excess(n_demonstrations: int, dimension: int) -> float:
+    """By what share of the least error that of the true movement exceeds it, p / (M d - p), for the least error fits noise.
+
+    At every step M demonstrations are M d numbers, explained by p = d + 1: a place, and how two frames share in it. A single
+    demonstration does not tell its noise: 0.
+    """
+    parameters = dimension + 1
+    further = n_demonstrations * dimension - parameters
+    return parameters / further if further > 0 else 0.0
+
+
 def nearness(local: list[Array], weights: Interpolation) -> Array:
     """c_sf (N_S, F), in units of the trajectory times steps, from aligned points in every frame, each (N, F, d)."""
     return weights.transposed(np.mean([np.linalg.norm(points, axis=2) for points in local], axis=0))
