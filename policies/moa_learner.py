@@ -15,7 +15,7 @@ from policies.learner import Learner
 from policies.moa.alignment import align
 from policies.moa.frames import Frames, resample
 from policies.moa.mixture_of_attractors import MixtureOfAttractors
-from policies.moa.tie_break import excess
+from policies.moa.tie_break import SLACK, excess
 from policies.moa_skill import MoASkill
 from policies.movement_primitives import GRIP, PRESSES
 from policies.orientation_schedule import learn_orientations
@@ -24,8 +24,6 @@ from policies.press_schedule import in_contact, learn_presses
 
 Array = NDArray[np.float64]
 
-SLACK = 0.05
-"""The second criterion may spend this share of the least error, or what noise is expected to take away from it."""
 LARGEST = 1e3
 """Distances and times that are asked for are at most so long [m], [s]."""
 
@@ -136,9 +134,10 @@ class MoALearner(TrajectoryLearner):
     ) -> AttractorPath:
         """The convex problem of Algorithm 4."""
         n_support = max(round(len(warps[0]) * dt / self.spacing), 2)
+        slack = max(SLACK, excess(len(points), points[0].shape[1]))
         self.model_ = MixtureOfAttractors(
             n_support, layout.alpha, layout.beta, dt,
-            margin=self.margin, solver=self.solver, second_stage=self.second_stage, slack=max(SLACK, excess(len(points), 3)),
+            margin=self.margin, solver=self.solver, second_stage=self.second_stage, slack=slack,
         ).fit(points, frames, warps)  # fmt: skip
         return AttractorPath.of(self.model_)
 

@@ -12,7 +12,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownName
 from policies.moa.frames import Frames
 from policies.moa.mixture_of_attractors import MixtureOfAttractors, sparsity
 from policies.moa.start_and_end import least_error, start_and_end
-from policies.moa.tie_break import excess
+from policies.moa.tie_break import SLACK, excess
 
 SETTINGS = {"n_support": 12, "alpha": ALPHA, "dt": DT, "aligned": True}
 
@@ -340,7 +340,7 @@ def test_noise_of_few_demonstrations_does_not_mix_frames():
         rng = np.random.default_rng(seed)
         scenes = [_three_places(rng) for _ in range(3)]
         shown = [_visit(places + 0.01 * rng.standard_normal((3, 2))) for places in scenes]
-        for errors, slack in ((accounted, excess(3, 2)), (unaccounted, 0.05)):
+        for errors, slack in ((accounted, excess(3, 2)), (unaccounted, SLACK)):
             moa = learned(shown, [Frames.at(places) for places in scenes], n_support=30, slack=slack)
             for new in (_three_places(np.random.default_rng(i)) for i in range(20)):
                 drawn = moa.predict(Frames.at(new), new[0])

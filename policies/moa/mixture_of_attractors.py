@@ -21,7 +21,7 @@ from policies.moa.response import Response
 from policies.moa.setting import Setting, common_length
 from policies.moa.softmax import solve_softmax
 from policies.moa.support_points import interpolation
-from policies.moa.tie_break import break_tie, nearness
+from policies.moa.tie_break import SLACK, break_tie, nearness
 from policies.moa.tracking import TrackingProblem
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ class MixtureOfAttractors(BaseEstimator):
         solver: str = "structured",
         tolerance: float = 1e-6,
         second_stage: bool = True,
-        slack: float = 0.05,
+        slack: float = SLACK,
         accuracy: float = 3e-3,
         switching: float = 0.1,
         aligned: bool = False,

@@ -19,6 +19,8 @@ from policies.moa.tracking import TrackingProblem
 
 Array = NDArray[np.float64]
 
+SLACK = 0.05
+"""By what share of the least error solutions count as nearly equal."""
 CLOSE = 0.05
 """R is least to within this fraction of itself."""
 FACTOR = 10.0
