@@ -11,7 +11,7 @@ from lfd_gym import cli
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.experiments import comparison
 from lfd_gym.experiments.comparison import Comparison, compare
-from lfd_gym.experiments.comparison_report import by_setup, paired, summary, table
+from lfd_gym.experiments.comparison_report import by_setup, learning_curve, paired, summary, table
 from lfd_gym.experiments.rows import Rows
 
 ENV_ID = "lfd_gym/MoveObject-v0"
@@ -73,6 +73,20 @@ def test_the_table_says_what_the_rows_say() -> None:
     assert [m["method"] for m in described] == ["sequence-graph", "bc"]
     assert described[1]["minus_first"]["difference"] == -0.625
     json.dumps(described)
+
+
+def test_a_learning_curve_has_the_evaluations_after_equally_many_decisions() -> None:
+    """Trainings that were looked at more often, or earlier, are not averaged with others at another time."""
+
+    def point(decisions: int, successes: int) -> dict[str, float]:
+        return {"decisions": decisions, "successes": successes, "episodes": 20, "simulated_hours": decisions / 1000.0}
+
+    often = row("ppo", 0, [1], [point(100, 0), point(200, 2), point(300, 4), point(400, 6)])
+    seldom = row("ppo", 1, [1], [point(200, 10), point(400, 20)])
+    x, successes, episodes = learning_curve([often, seldom], "simulated_hours")
+    assert x == pytest.approx([0.3, 0.5])  # 0.1 h were shown before the training
+    assert successes.tolist() == [12, 26]
+    assert episodes.tolist() == [40, 40]
 
 
 def test_jobs_are_those_of_the_issue() -> None:

@@ -12,6 +12,7 @@ from lfd_gym.evaluation import Z_95, wilson_interval
 from lfd_gym.experiments.figures import curve, panels, save
 from lfd_gym.experiments.rows import markdown, success
 from lfd_gym.registry import kebab_case
+from lfd_gym.report.figures import GOAL
 from lfd_gym.versions import versions
 from policies.sequence_graph_drawing import COLOURS
 
@@ -109,45 +110,54 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     return {"schema": SCHEMA, "methods": methods, "versions": versions()}
 
 
+def learning_curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], ...]:
+    """Mean of the fact `key`, successes and episodes of the evaluations that every training had after as many decisions.
+
+    What was shown before counts too. Empty where there is no such evaluation.
+    """
+    if not all(row["curve"] for row in rows):
+        return np.empty(0), np.empty(0), np.empty(0)
+    by_decisions = [{point["decisions"]: point for point in row["curve"]} for row in rows]
+    common = sorted(set.intersection(*(set(points) for points in by_decisions)))
+    before = [row["facts"][key] - row["curve"][-1][key] for row in rows]
+    x = [np.mean([b + points[n][key] for points, b in zip(by_decisions, before, strict=True)]) for n in common]
+    counts = ([sum(points[n][name] for points in by_decisions) for n in common] for name in ("successes", "episodes"))
+    return tuple(np.array(values, dtype=np.float64) for values in (x, *counts))
+
+
 def draw(rows: Sequence[Row], folder: Path) -> None:
     """`<task>.png`: success over simulated hours and over wall-clock.
 
-    A curve is of the 20 development setups that a training looks at, a point of the setups of the comparison.
+    A curve is of the 20 development setups that a training looks at, all trainings of a method together; a point is one
+    trained policy on the setups of the comparison, and a dashed line a policy that was not taught.
     """
     for env_id, methods in grouped(rows).items():
-        figure, axes = panels(2)
+        figure, axes = panels(2, width=6.5)
+        taught = [method for method, own in methods.items() if own[0]["facts"]["simulated_hours"] > 0.0]
+        untaught = [method for method in methods if method not in taught]
         for panel, (key, label) in zip(
             axes, (("simulated_hours", "simulated hours"), ("seconds", "wall-clock [s]")), strict=True
         ):
-            for i, (method, own) in enumerate(methods.items()):
-                colour = i % len(COLOURS)
-                rate = 100.0 * by_setup(own).mean()
-                marker = "s" if i < len(COLOURS) else "D"
-                if own[0]["curve"]:
-                    x, successes, n = _curve(own, key)
-                    low, high = np.transpose(
-                        [wilson_interval(int(s), int(m)) for s, m in zip(successes, n, strict=True)]
-                    )
-                    curve(panel, x, 100 * successes / n, 100 * low, 100 * high, colour, f"{method}, development setups")
-                panel.plot(max(_mean_fact(own, key), 1e-3), rate, marker, color=COLOURS[colour], label=method)
+            for i, method in enumerate(taught):
+                own, colour = methods[method], i % len(COLOURS)
+                x, successes, n = learning_curve(own, key)
+                if len(x):
+                    intervals = [wilson_interval(int(s), int(m)) for s, m in zip(successes, n, strict=True)]
+                    low, high = 100.0 * np.transpose(intervals)
+                    curve(panel, x, 100.0 * successes / n, low, high, colour, f"{method}, while it trained")
+                spent = [row["facts"][key] for row in own]
+                rates = [100.0 * row["report"]["success_rate"] for row in own]
+                panel.plot(spent, rates, "sD"[i // len(COLOURS) % 2], color=COLOURS[colour], alpha=0.7, label=method)
+            for i, method in enumerate(untaught):
+                rate = 100.0 * by_setup(methods[method]).mean()
+                panel.axhline(rate, linestyle=("--", ":")[i % 2], color=GOAL, linewidth=1.2, label=method)
             panel.set_xscale("log")
             panel.set_xlabel(label)
             panel.set_ylim(-2.0, 102.0)
         axes[0].set_ylabel("success [%]")
         axes[0].set_title(kebab_case(env_id), fontsize=9)
-        axes[1].legend(fontsize=7)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=7)
         save(figure, folder / f"{kebab_case(env_id)}.png")
-
-
-def _curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], ...]:
-    """Mean abscissa, successes and episodes of the evaluations that every seed has; what was shown before counts too."""
-    n = min(len(row["curve"]) for row in rows)
-    before = [row["facts"][key] - row["curve"][-1][key] for row in rows]
-    x = np.mean([[b + point[key] for point in row["curve"][:n]] for b, row in zip(before, rows, strict=True)], axis=0)
-    counts = (
-        np.sum([[p[name] for p in row["curve"][:n]] for row in rows], axis=0) for name in ("successes", "episodes")
-    )
-    return (x, *counts)
 
 
 def _mean_fact(rows: Sequence[Row], name: str) -> float:
