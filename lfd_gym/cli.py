@@ -14,7 +14,11 @@ import typer
 
 from lfd_gym import cli_names
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
+from lfd_gym.experiments import EXPERIMENTS
 from lfd_gym.paths import check_writable
+from policies import LEARNERS
+from policies.reinforcement import FINETUNERS
+from policies.reinforcement.settings import METHODS
 
 EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
 """Unseen setups of the demo, and the seed of the first one."""
@@ -34,7 +38,11 @@ SkillArgument = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="An argument of the constructor or experiment (repeatable)."),
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="An argument of the task, learner or experiment (repeatable); an unknown one lists them.",
+    ),
 ]
 NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
 ModeOption = Annotated[str, typer.Option(help="How the teacher shows it: 'commanded' or 'kinesthetic'.")]
@@ -104,7 +112,7 @@ def envs() -> None:
         print(f"{kebab_case(env_id):<16}{env_id:<28}{entry.seconds:>5.0f} s")
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym teach light-bulb -n 3 --seed 0 --noise 1.0 --out demos.h5")
 def teach(
     env: EnvArgument,
     out: Annotated[Path, typer.Option(help="HDF5 file to write.")],
@@ -134,9 +142,9 @@ def teach(
     print(f"written to {out}")
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym learn sequence-graph demos.h5 --out skill.npz --set graph=local")
 def learn(
-    method: Annotated[str, typer.Argument(metavar="METHOD", help="Learner, such as 'sequence-graph'.")],
+    method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(LEARNERS)}.")],
     demonstrations: Annotated[list[Path], typer.Argument(metavar="DEMOS...", help="Files of demonstrations.")],
     out: Annotated[Path, typer.Option(help="Skill to write.")],
     settings: SetOption = None,
@@ -159,9 +167,9 @@ def learn(
     print(f"{method}: learned {env_id} from {len(taught)} demonstrations, written to {out}")
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym train sac-demos box-flipping --steps 100000 --demos demos.h5 --out agent.npz")
 def train(
-    method: Annotated[str, typer.Argument(metavar="METHOD", help="Such as 'sac'; an unknown name lists them all.")],
+    method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(METHODS)}.")],
     env: EnvArgument,
     steps: Annotated[int, typer.Option(min=1, help="Decisions, ten per simulated second.")],
     out: Annotated[Path, typer.Option(help="Skill to write; its checkpoints and its log lie beside it.")],
@@ -191,9 +199,9 @@ def train(
     print(f"{method}: {trained.metadata['decisions']} decisions in {env_id}, written to {out}")
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym finetune cma skill.npz move-object --episodes 400 --out better.npz")
 def finetune(
-    method: Annotated[str, typer.Argument(metavar="METHOD", help="Such as 'cma'; an unknown name lists them all.")],
+    method: Annotated[str, typer.Argument(metavar="METHOD", help=f"One of {', '.join(FINETUNERS)}.")],
     skill: Annotated[Path, typer.Argument(metavar="SKILL", help="Skill to start from.")],
     env: EnvArgument,
     episodes: Annotated[int, typer.Option(help="Episodes of practice, about.")],
@@ -204,8 +212,9 @@ def finetune(
 ) -> None:
     """Let a skill practise in an environment; what became of it is kept if it does not do worse.
 
-    The same command again goes on where it stopped. Checkpoints beside it are pickles, which can run code: go on only with
-    your own.
+    The same command again goes on where it stopped.
+
+    Checkpoints beside it are pickles, which can run code: go on only with your own.
     """
     from lfd_gym.registry import load
     from policies import load_skill
@@ -223,7 +232,7 @@ def finetune(
     print(f"written to {out}")
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym evaluate skill.npz light-bulb -n 100 --seed 1000 --jobs 2 --json result.json")
 def evaluate(
     skill: SkillArgument,
     env: EnvArgument,
@@ -251,7 +260,7 @@ def evaluate(
             temporary.write_text(report.to_json())
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym render skill.npz light-bulb --seed 100003 --out video.mp4")
 def render(
     skill: SkillArgument,
     env: EnvArgument,
@@ -259,7 +268,7 @@ def render(
     seed: SeedOption = 100000,
     noise: NoiseOption = 1.0,
     mode: ModeOption = "commanded",
-    at: Annotated[float, typer.Option(help="Time of the picture [s].")] = 8.0,
+    at: Annotated[float, typer.Option(help="Time of the picture, in seconds.")] = 8.0,
     settings: SetOption = None,
 ) -> None:
     """Film one episode, or take a picture in it."""
@@ -285,16 +294,15 @@ def render(
     world.close()
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym experiment toy --out results/toy")
 def experiment(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Such as 'teachers'; an unknown name lists them all.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"One of {', '.join(EXPERIMENTS)}.")],
     out: Annotated[Path, typer.Option(help="Folder of its rows and its table; finished rows are not made again.")],
     quick: Annotated[bool, typer.Option("--quick", help="A few episodes on development seeds.")] = False,
     jobs: JobsOption = 2,
     settings: SetOption = None,
 ) -> None:
     """Make the table of an experiment again."""
-    from lfd_gym.experiments import EXPERIMENTS
     from lfd_gym.experiments.rows import Rows
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import arguments, look_up
@@ -316,7 +324,7 @@ def experiment(
     print(table)
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym compare --env box-flipping --method moa --method ppo --jobs 2 --out comparison")
 def compare(
     out: Annotated[Path, typer.Option(help="Folder of its rows, its table and its curves; finished rows are kept.")],
     env: Annotated[list[str] | None, typer.Option(help="Task (repeatable); the five tasks if left out.")] = None,
@@ -355,7 +363,7 @@ def compare(
     print(table)
 
 
-@app.command()
+@app.command(epilog="Example: lfd-gym export demos.h5 --to minari --out datasets")
 def export(
     demonstrations: Annotated[Path, typer.Argument(metavar="DEMOS", help="HDF5 file of 'lfd-gym teach'.")],
     out: Annotated[Path, typer.Option(help="Folder of data sets: Minari's MINARI_DATASETS_PATH.")],

@@ -116,6 +116,14 @@ def test_without_a_command_the_help_is_shown(capsys) -> None:
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize(("command", "name"), [("learn", "moa"), ("train", "sac-demos"), ("finetune", "graph-ppo")])
+def test_help_names_what_can_be_chosen_and_shows_an_example(command: str, name: str, capsys) -> None:
+    assert cli.main([command, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert name in out
+    assert f"Example: lfd-gym {command}" in out
+
+
 def test_truncated_and_foreign_demonstrations_are_refused(capsys, tmp_path, truncated, foreign) -> None:
     learn = ["learn", "sequence-graph", "--out", str(tmp_path / "skill")]
     assert "truncated" in refuse([*learn, str(truncated)], capsys, tmp_path)

@@ -17,7 +17,7 @@ from policies import load_skill
 from policies.decisions import KernelDecision, LinearDecision, MixtureDecision, VotingDecision
 from policies.moa.frames import Frames
 from policies.path_generators import AttractorPath
-from policies.reinforcement import finetuning, refined_graph, settings, skill_parameters
+from policies.reinforcement import FINETUNERS, finetuning, refined_graph, settings, skill_parameters
 from policies.reinforcement.growth import Growth
 from policies.reinforcement.practice import Episode, Practice, practise, scores
 from policies.reinforcement.residual import SHIFT, adjusted
@@ -273,7 +273,7 @@ def spoil(practice: Practice) -> tuple[Any, dict[str, Any]]:
 def test_what_does_worse_is_not_kept(
     skill: SequenceGraphSkill, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(finetuning.FINETUNERS, "spoil", "test_finetuning:spoil")
+    monkeypatch.setitem(FINETUNERS, "spoil", "test_finetuning:spoil")
     after = finetuning.finetune("spoil", skill, ENV_ID, 32, tmp_path / "t")
     facts = after.metadata["finetuned"]
     assert not facts["kept"]

@@ -19,17 +19,11 @@ from typing import Any
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.evaluation import check_fits
 from lfd_gym.registry import environment_id, look_up, make
+from policies.reinforcement import FINETUNERS
 from policies.reinforcement.practice import SEEDS_PER_PRACTICE, Practice, practise, scores
 from policies.reinforcement.settings import checked_kwargs
 from policies.skill import Skill
 
-FINETUNERS: dict[str, str] = {
-    "cma": "policies.reinforcement.parameter_search:by_cma",
-    "es-gradient": "policies.reinforcement.parameter_search:by_gradient",
-    "graph-ppo": "policies.reinforcement.learned_residuals:refine_graph",
-    "residual-sac": "policies.reinforcement.learned_residuals:learn_residual",
-}
-"""Name of the method -> function from a `Practice` to the skill and its facts."""
 FEWEST, MOST_CHECKED = 16, 50
 """Episodes of a practice, and setups of the last check, each done twice."""
 
