@@ -15,6 +15,7 @@ import typer
 from lfd_gym import cli_names
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.experiments import EXPERIMENTS
+from lfd_gym.export import FORMATS
 from lfd_gym.paths import check_writable
 from policies import LEARNERS
 from policies.reinforcement import FINETUNERS
@@ -366,20 +367,22 @@ def compare(
 @app.command(epilog="Example: lfd-gym export demos.h5 --to minari --out datasets")
 def export(
     demonstrations: Annotated[Path, typer.Argument(metavar="DEMOS", help="HDF5 file of 'lfd-gym teach'.")],
-    out: Annotated[Path, typer.Option(help="Folder of data sets: Minari's MINARI_DATASETS_PATH.")],
-    name: Annotated[str | None, typer.Option(help="Id of the data set; TASK/FILE-v0 if left out.")] = None,
-    to: Annotated[str, typer.Option(help="'minari', the one format there is.")] = "minari",
+    out: Annotated[Path, typer.Option(help="Folder of data sets; Minari's is MINARI_DATASETS_PATH.")],
+    name: Annotated[
+        str | None, typer.Option(help="Id of the data set; TASK/FILE, or TASK/FILE-v0, if left out.")
+    ] = None,
+    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.")] = "minari",
 ) -> None:
     """Write demonstrations as a data set of another library."""
     from lfd_gym.demonstration import load_demonstrations
-    from lfd_gym.export import to_minari
-    from lfd_gym.registry import kebab_case
+    from lfd_gym.registry import kebab_case, load
 
-    if to != "minari":
-        raise UnknownNameError("format", to, ["minari"])
-    shown = load_demonstrations(demonstrations)
-    dataset_id = name or f"{kebab_case(shown[0].env_id)}/{demonstrations.stem}-v0"
-    print(f"written to {to_minari(shown, out, dataset_id)}; minari.load_dataset('{dataset_id}') reads it")
+    if to not in FORMATS:
+        raise UnknownNameError("format", to, FORMATS)
+    shown, form = load_demonstrations(demonstrations), FORMATS[to]
+    chosen = name or form.name.format(task=kebab_case(shown[0].env_id), file=demonstrations.stem)
+    folder = load(form.write)(shown, out, chosen)
+    print(f"written to {folder}; {form.read.format(name=chosen, folder=folder)} reads it")
 
 
 @app.command()

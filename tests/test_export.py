@@ -12,7 +12,7 @@ import toy
 from lfd_gym import cli
 from lfd_gym.demonstration import Demonstration, save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
-from lfd_gym.export import ROOT, to_minari
+from lfd_gym.export.minari import ROOT, to_minari
 from lfd_gym.recording import record
 
 minari = pytest.importorskip("minari", reason="needs the extra 'data'")
@@ -79,5 +79,5 @@ def test_the_command_names_the_data_set_after_task_and_file(shown, tmp_path: Pat
     assert "minari.load_dataset('point/noisy-v0')" in capsys.readouterr().out
     assert cli.main(["export", str(file), "--out", str(tmp_path / "sets")]) == 2
     assert "already" in capsys.readouterr().err
-    assert cli.main(["export", str(file), "--to", "lerobot", "--out", str(tmp_path / "sets")]) == 2
-    assert "possible: minari" in capsys.readouterr().err
+    assert cli.main(["export", str(file), "--to", "csv", "--out", str(tmp_path / "sets")]) == 2
+    assert "possible: minari, lerobot" in capsys.readouterr().err

@@ -3,7 +3,6 @@
 import importlib
 import os
 import re
-import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -12,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from lfd_gym.demonstration import NO_LABEL, Demonstration, check_same_environment
-from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
-from lfd_gym.paths import check_writable
+from lfd_gym.demonstration import NO_LABEL, Demonstration
+from lfd_gym.errors import InvalidArgumentError, MissingExtraError
+from lfd_gym.export.data_set import check_exportable, written_below
 from lfd_gym.registry import make
 
 ROOT = "MINARI_DATASETS_PATH"
@@ -33,23 +32,13 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
     InvalidArgumentError for an id that is malformed or taken and for an environment that is not registered by a string.
     """
     minari = _minari()
-    env_id = check_same_environment(demonstrations)
-    first = demonstrations[0]
-    if any(demonstration.env_kwargs != first.env_kwargs for demonstration in demonstrations):
-        raise DemonstrationError(
-            "the demonstrations were given with several arguments of the environment; one is needed"
-        )
+    env_id, first = check_exportable(demonstrations), demonstrations[0]
     if not DATASET_ID.fullmatch(dataset_id):
         raise InvalidArgumentError(f"'{dataset_id}' is no id of a data set; it must read name-v0, or task/name-v0")
-    folder = Path(root) / dataset_id
-    if folder.exists():
-        raise InvalidArgumentError(f"there is a data set '{folder}' already; choose another name")
-    check_writable(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
     with (
+        written_below(Path(root), dataset_id) as temporary,
         closing(make(env_id, **first.env_kwargs)) as env,
-        tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary,
-        _below(temporary),
+        _below(str(temporary)),
         warnings.catch_warnings(),
     ):
         if env.spec is None or callable(env.spec.entry_point):
@@ -65,8 +54,7 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
             description="Demonstrations of a scripted teacher of lfd_gym.",
             requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
         )
-        (Path(temporary) / dataset_id).rename(folder)
-    return folder
+    return Path(root) / dataset_id
 
 
 def _minari() -> Any:

@@ -1,0 +1,36 @@
+"""What all exported data sets have in common: one environment, and a folder that is written whole."""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from lfd_gym.demonstration import Demonstration, check_same_environment
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from lfd_gym.paths import check_writable
+
+
+def check_exportable(demonstrations: Sequence[Demonstration]) -> str:
+    """The id of the environment of all demonstrations; DemonstrationError if there are several, or several arguments."""
+    env_id = check_same_environment(demonstrations)
+    if any(demonstration.env_kwargs != demonstrations[0].env_kwargs for demonstration in demonstrations):
+        raise DemonstrationError(
+            "the demonstrations were given with several arguments of the environment; one is needed"
+        )
+    return env_id
+
+
+@contextmanager
+def written_below(root: Path, name: str) -> Iterator[Path]:
+    """Yield a temporary folder; what the block writes into its subfolder `name` becomes root / name if it succeeds.
+
+    Raises InvalidArgumentError where that is taken or cannot be written.
+    """
+    folder = root / name
+    if folder.exists():
+        raise InvalidArgumentError(f"there is a data set '{folder}' already; choose another name")
+    check_writable(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary:
+        yield Path(temporary)
+        (Path(temporary) / name).rename(folder)
