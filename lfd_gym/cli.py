@@ -152,6 +152,8 @@ def learn(
 ) -> None:
     """Learn a skill from demonstrations."""
     check_writable(out)
+    if len({path.resolve() for path in demonstrations}) < len(demonstrations):
+        raise InvalidArgumentError("a file of demonstrations was given twice")
     chosen = cli_names.parse_settings(settings)
     learner = cli_names.learner(method, chosen)
     from lfd_gym.demonstration import check_same_environment, load_demonstrations
@@ -269,7 +271,9 @@ def render(
     seed: SeedOption = 100000,
     noise: NoiseOption = 1.0,
     mode: ModeOption = "commanded",
-    at: Annotated[float, typer.Option(help="Time of the picture, in seconds.")] = 8.0,
+    at: Annotated[
+        float, typer.Option(min=0.0, help="Time of the picture, in seconds; its end if that is earlier.")
+    ] = 8.0,
     settings: SetOption = None,
 ) -> None:
     """Film one episode, or take a picture in it."""
@@ -311,7 +315,7 @@ def experiment(
     run, given = look_up(EXPERIMENTS, "experiment", name), cli_names.parse_settings(settings)
     own = [argument for argument in arguments(run) if argument not in ("out", "quick", "jobs")]
     for unknown in [argument for argument in given if argument not in own]:
-        raise InvalidArgumentError(str(UnknownNameError(f"setting of experiment '{name}'", unknown, own)))
+        raise InvalidArgumentError(f"experiment '{name}': {UnknownNameError('setting', unknown, own)}")
     hints = get_type_hints(run)
     for setting, value in given.items():
         if not isinstance(value, hints[setting]):

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -120,7 +121,7 @@ def evaluate(
     a failed one that keeps the exception's text as `error`. Raises SeedOverlapError if the policy was taught on one of
     the seeds, and InvalidArgumentError if it does not fit the environment (`check_fits`) or a number is out of range.
     """
-    _check_numbers(episodes, seed, jobs)
+    _check_numbers(episodes=episodes, seed=seed, jobs=jobs)
     env_id, env_kwargs = environment_id(env_id), dict(env_kwargs or {})
     seeds = range(seed, seed + episodes)
     overlap = sorted(set(getattr(policy, "taught_seeds", ())).intersection(seeds))
@@ -136,13 +137,18 @@ def evaluate(
 
 
 def check_fits(policy: Any, env: gymnasium.Env) -> None:
-    """Raise InvalidArgumentError for a skill of another task or control step, and for an environment that has none."""
+    """Raise InvalidArgumentError for a skill or teacher of another task, another control step, or an environment without."""
     native, taught_for, dt = env.unwrapped, getattr(policy, "env_id", None), getattr(policy, "dt", None)
     env_id, step = env.spec.id if env.spec else type(native).__name__, getattr(native, "dt", None)
     if step is None:
         raise InvalidArgumentError(f"{env_id} is no environment of this suite: it has no control step `dt`")
     if taught_for is not None and task_id(taught_for) != task_id(env_id):
-        raise InvalidArgumentError(f"this skill was taught for {taught_for}, not for {env_id}; evaluate it there")
+        raise InvalidArgumentError(f"this skill was taught for {taught_for}, not for {env_id}")
+    teacher = getattr(policy, "teacher", None)
+    observed = getattr(native.observation_space, "spaces", {})
+    missing = sorted(name for name in _frames(teacher) if f"frame_{name}" not in observed)
+    if missing:
+        raise InvalidArgumentError(f"{type(teacher).__name__} cannot teach {env_id}: no frame {', '.join(missing)}")
     if dt is not None and not math.isclose(dt, step):
         raise InvalidArgumentError(
             f"this skill was taught at {1.0 / dt:g} decisions per second, not at {1.0 / step:g}; set control_hz={1.0 / dt:g}"
@@ -158,18 +164,26 @@ def wilson_interval(successes: float, n: int, z: float = Z_95) -> tuple[float, f
 
 
 def describe(policy: Any) -> str:
-    """A policy in words: its class, and what its `metadata` or its teacher's noise say."""
+    """A policy in words: its class, and what its `metadata`, or its teacher's noise and mode, say."""
     teacher = getattr(policy, "teacher", None)
     if teacher is not None:
-        return f"{type(teacher).__name__} (noise {getattr(teacher, 'noise', 0.0):g})"
+        guided = ", kinesthetic" if getattr(teacher, "mode", "") == "kinesthetic" else ""
+        return f"{type(teacher).__name__} (noise {getattr(teacher, 'noise', 0.0):g}{guided})"
     learner = dict(getattr(policy, "metadata", {})).get("learner")
     return f"{type(policy).__name__} ({learner})" if isinstance(learner, str) else type(policy).__name__
 
 
-def _check_numbers(episodes: int, seed: int, jobs: int) -> None:
-    for name, value, least in (("episodes", episodes, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
-        if value < least:
-            raise InvalidArgumentError(f"{name} is {value}; it must be {least} or more")
+def _frames(teacher: Any) -> set[str]:
+    """Names of the frames in which a teacher's primitives are."""
+    table = getattr(teacher, "primitives", ())
+    return {entity.frame for row in table for entity in row[1:] if entity is not None} - {"world"}
+
+
+def _check_numbers(**numbers: Any) -> None:
+    for name, value in numbers.items():
+        least = 0 if name == "seed" else 1
+        if not isinstance(value, Integral) or value < least:
+            raise InvalidArgumentError(f"{name} is {value!r}; it must be a whole number, {least} or more")
 
 
 def _run_all(

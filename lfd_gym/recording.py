@@ -10,6 +10,7 @@ import numpy as np
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.derived_actions import derive_actions
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from lfd_gym.evaluation import check_fits
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
 from lfd_gym.rollout import Step, TeacherPolicy, rollout
@@ -44,7 +45,7 @@ def record(
     A failed attempt is discarded and the next index is tried, at most 10 n in all. Every setup is demonstrated `repeat`
     times: the objects stand where they stood before, what is hidden varies. Demonstration i depends on (seed, i) alone,
     and on the first one of its setup. Raises InvalidArgumentError for n < 1, a negative seed or an n that is no multiple
-    of `repeat`, DemonstrationError if the teacher fails too often.
+    of `repeat` and a teacher of another task, DemonstrationError if the teacher fails too often.
     """
     if n < 1:
         raise InvalidArgumentError(f"{n} demonstrations were asked for; at least 1 is needed")
@@ -57,6 +58,7 @@ def record(
     env = StateRecorder(make(env_id, **(env_kwargs or {})))
     discarded: list[int] = []
     try:
+        check_fits(TeacherPolicy(teacher), env)
         attempts = _successes(env, teacher, seed, ATTEMPTS * n, dict(env_kwargs or {}), discarded, repeat)
         demonstrations = list(track(islice(attempts, n), n, "demonstrations", progress))
     finally:

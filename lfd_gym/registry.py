@@ -14,7 +14,10 @@ import gymnasium
 
 from lfd_gym.errors import InvalidArgumentError, MissingExtraError, UnknownNameError
 
-EXTRAS = {"torch": "rl", "stable_baselines3": "rl", "sb3_contrib": "rl", "cma": "rl"}
+EXTRAS = {
+    "torch": "rl", "stable_baselines3": "rl", "sb3_contrib": "rl", "cma": "rl",
+    "minari": "data", "pandas": "data", "pyarrow": "data", "ray": "cluster",
+}  # fmt: skip
 """Modules that only an extra installs, and that extra."""
 
 
@@ -135,4 +138,4 @@ def check_arguments(constructor: Any, given: Mapping[str, Any], owner: str) -> N
     known = arguments(constructor)
     for name in given:
         if name not in known:
-            raise InvalidArgumentError(str(UnknownNameError(f"argument of {owner}", name, known)))
+            raise InvalidArgumentError(f"{owner}: {UnknownNameError('argument', name, known)}")

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import Demonstration
-from lfd_gym.errors import DemonstrationError, UnknownNameError
-from policies.arguments import check_number
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
+from policies.arguments import check_flag, check_number
 from policies.features import FORCE, POSITION, measure, primitive_table
 from policies.goal_distance import KINDS
 from policies.goals import TIMES, NormalisedTime
@@ -138,6 +138,9 @@ class SequenceGraphLearner(Learner):
         for name, values in (possible | {"time": TIMES, "match": MATCHES, "outliers": OUTLIERS}).items():
             if getattr(self, name) not in values:
                 raise UnknownNameError(name, str(getattr(self, name)), values)
+        check_flag("fold", self.fold)
+        if not (self.observations is None or isinstance(self.observations, list | tuple)):
+            raise InvalidArgumentError(f"observations is {self.observations!r}; possible: None, a list of names")
         check_number("C", self.C, 1e-9, 1e9)
         check_number("dwell", self.dwell, 0.0, 1e9)
         if self.patience is not None:

@@ -116,6 +116,15 @@ def test_without_a_command_the_help_is_shown(capsys) -> None:
     assert err.count("\n") == 1
 
 
+def test_a_file_that_is_given_twice_is_not_counted_twice(demos: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "skill.npz"
+    assert (
+        cli.main(["learn", "sequence-graph", str(demos), str(demos.parent / "." / demos.name), "--out", str(out)]) == 2
+    )
+    assert "given twice" in capsys.readouterr().err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(("command", "name"), [("learn", "moa"), ("train", "sac-demos"), ("finetune", "graph-ppo")])
 def test_help_names_what_can_be_chosen_and_shows_an_example(command: str, name: str, capsys) -> None:
     assert cli.main([command, "--help"]) == 0

@@ -10,7 +10,7 @@ from scipy import stats
 
 from lfd_gym.demonstration import save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SeedOverlapError, UnknownNameError
-from lfd_gym.evaluation import check_fits, evaluate, wilson_interval
+from lfd_gym.evaluation import check_fits, describe, evaluate, wilson_interval
 from lfd_gym.recording import TEACHING_SEEDS, record
 from lfd_gym.registry import make
 from lfd_gym.rollout import RandomPolicy, TeacherPolicy, rollout
@@ -91,7 +91,21 @@ def test_a_teacher_that_has_taught_can_be_sent_to_processes() -> None:
     assert used.to_json() == evaluate("move-object", fresh, episodes=2, seed=100000).to_json()
 
 
-@pytest.mark.parametrize("numbers", [{"episodes": 0}, {"seed": -1}, {"jobs": 0}])
+def test_a_teacher_of_another_task_is_refused() -> None:
+    teacher = MoveObjectTeacher()
+    with pytest.raises(InvalidArgumentError, match="cannot teach lfd_gym/LightBulb-v0: no frame object, target"):
+        record("light-bulb", teacher, 1, seed=0)
+    with pytest.raises(InvalidArgumentError, match="MoveObjectTeacher cannot teach"):
+        evaluate("light-bulb", TeacherPolicy(teacher), episodes=1, seed=100000)
+
+
+def test_a_report_says_how_a_teacher_taught() -> None:
+    assert describe(TeacherPolicy(MoveObjectTeacher(noise=0.5))) == "MoveObjectTeacher (noise 0.5)"
+    guiding = MoveObjectTeacher(mode="kinesthetic")
+    assert describe(TeacherPolicy(guiding)) == "MoveObjectTeacher (noise 1, kinesthetic)"
+
+
+@pytest.mark.parametrize("numbers", [{"episodes": 0}, {"episodes": 1.5}, {"seed": -1}, {"jobs": 0}])
 def test_numbers_out_of_range_are_refused(numbers: dict[str, int]) -> None:
     with pytest.raises(InvalidArgumentError, match=next(iter(numbers))):
         evaluate(toy.ENV_ID, toy.PointPolicy(), **({"episodes": 1, "seed": 0} | numbers))

@@ -72,9 +72,13 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: 
         to_minari(shown, tmp_path / "sets", ID)
 
 
-def test_the_command_names_the_data_set_after_task_and_file(shown, tmp_path: Path, capsys) -> None:
+def test_the_command_names_the_data_set_after_task_and_file(shown, tmp_path: Path, monkeypatch, capsys) -> None:
     file = tmp_path / "noisy.h5"
     save_demonstrations(file, shown)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["export", str(file), "--out", "here"]) == 0
+    assert (tmp_path / "here" / "point" / "noisy-v0" / "data").is_dir()
+    assert "minari.load_dataset('point/noisy-v0')" in capsys.readouterr().out
     assert cli.main(["export", str(file), "--out", str(tmp_path / "sets")]) == 0
     assert "minari.load_dataset('point/noisy-v0')" in capsys.readouterr().out
     assert cli.main(["export", str(file), "--out", str(tmp_path / "sets")]) == 2

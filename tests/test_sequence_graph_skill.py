@@ -321,6 +321,10 @@ def test_impossible_arguments_are_refused_with_what_is_possible(taught):
         for value in (*values, np.inf, np.nan, "1", True):
             with pytest.raises(InvalidArgumentError, match=f"{name} is {value!r}; possible: a number "):
                 SequenceGraphLearner(**{name: value}).fit(taught)
+    with pytest.raises(InvalidArgumentError, match="fold is 'maybe'; possible: True, False"):
+        SequenceGraphLearner(fold="maybe").fit(taught)
+    with pytest.raises(InvalidArgumentError, match="observations is 'wrench'; possible: None, a list"):
+        SequenceGraphLearner(observations="wrench").fit(taught)
 
 
 @pytest.mark.parametrize("graph", ["local", "fully-connected"])

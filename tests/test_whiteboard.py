@@ -212,6 +212,23 @@ def test_a_copy_is_asked_for_the_same_words():
     assert (twin.words, twin.dt) == (("AB", "C"), 0.04)
 
 
+def test_a_long_word_does_not_make_up_for_one_that_is_not_there():
+    env = WhiteboardEnv(words=("BBBB", "I"))
+    env.reset(seed=SEED)
+    words = alphabet.two_words(env.words)
+    wanted = [np.concatenate([alphabet.sample(stroke, ink.SPACING) for stroke in word]) for word in words]
+    for x, y in wanted[0]:
+        env.boards[0].mark(x, y)
+    env.after_physics()
+    assert env.measures()["coverage"] > 0.9
+    assert env.subtask_flags() == (True, False, True)
+    assert not env.succeeded()
+    for x, y in wanted[1]:
+        env.boards[1].mark(x, y)
+    env.after_physics()
+    assert env.succeeded()
+
+
 @pytest.mark.parametrize("words", [("MA", "XYZ"), ("ROBOTS", "Q")])
 def test_other_words_can_be_written(words):
     env = WhiteboardEnv(words=words)

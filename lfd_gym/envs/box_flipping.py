@@ -49,7 +49,7 @@ class BoxFlippingEnv(ManipulationEnv):
     | time limit | 30 s |
 
     The box is 30 cm long, 16 cm deep, 7 cm high, the obstacle 13 cm high. The tool point lies between the fingertips 1 and 2
-    when their outer links point down at a spread of 0.6 rad (`HAND`), 17 cm from each other. Workspace: x 0.36-0.80,
+    when their outer links point down at a spread of 0.6 rad (`hand_open`), 17 cm from each other. Workspace: x 0.36-0.80,
     y -0.40-0.18, z 0.02-0.40 m; tilt 0.3 rad, yaw 0.6 rad; alpha 16, beta 4 1/s. Other arguments: see `ManipulationEnv`.
 
     Version history: v0, first version.

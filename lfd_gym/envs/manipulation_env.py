@@ -44,7 +44,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     | `hand_position`, `hand_torque` | 4 | spread and three fingers (absent with a pen) |
     | `frame_<name>` | 7 | position and quaternion (w >= 0) of a tracked object |
 
-    **Reward**: `sparse` is 1 while the success has held for a second, else 0; `dense` adds the task's progress in [0, 1).
+    **Reward**: 1 while the success has held for a second; before that `sparse` is 0, `dense` 0.95 times the task's progress.
 
     **Info** (the same keys in `reset` and `step`): `is_success`, `success` (alias), `broken`,
     `subtask/<name>`, and the task's own `measures`.

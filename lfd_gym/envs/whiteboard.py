@@ -32,6 +32,8 @@ INK_FORCE = 0.5
 """A softer touch leaves no ink [N]."""
 TIP_RADIUS = 0.004
 ENOUGH = 0.9
+LEAST = 0.5
+"""Of each word, however short the other one is."""
 LIFTED = 0.10
 """The pen has withdrawn from the boards [m]."""
 
@@ -44,9 +46,9 @@ class WhiteboardEnv(ManipulationEnv):
     | frames | `board_1`, `board_2`: middle of the surface, x along the writing, y up the slope, z out of the board |
     | start | each board in 15 x 20 cm, yaw +- 30 degrees, tilt 35-50 degrees |
     | varies, hidden | friction of the pen's tip 0.1-0.3 |
-    | success | at least 90 % of the wanted strokes inked and 90 % of the ink on them, both within 4 mm, pen withdrawn |
+    | success | at least 90 % of all wanted strokes inked, half of each word, 90 % of the ink on them, pen withdrawn |
     | subtasks | `word_1`, `word_2` (both figures on that board), `lifted` (10 cm off both boards, once there is good ink) |
-    | measures | `coverage`, `precision`: the two figures over both boards, see `lfd_gym.ink` |
+    | measures | `coverage`, `precision`: of the strokes and of the ink what is within 4 mm of the other, see `lfd_gym.ink` |
     | dense reward | reach 0.1, coverage times precision 0.75, lift 0.1 |
     | time limit | 60 s |
 
@@ -154,8 +156,9 @@ class WhiteboardEnv(ManipulationEnv):
         self._lifted = self._clearance() > LIFTED + TIP_RADIUS
 
     def succeeded(self) -> bool:
-        """Both words stand there, with little ink beside them, and the pen is withdrawn."""
-        return _enough(self._total) and self._lifted
+        """Nearly all strokes of both words stand there, with little ink beside them, and the pen is withdrawn."""
+        written = _enough(self._total) and min(tally.coverage for tally in self._tallies) >= LEAST
+        return written and self._lifted
 
     def subtask_flags(self) -> tuple[bool, ...]:
         """First word, second word, withdrawn from what was written."""

@@ -31,12 +31,12 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
     Raises MissingExtraError without the extra `data`, DemonstrationError for demonstrations of several environments, and
     InvalidArgumentError for an id that is malformed or taken and for an environment that is not registered by a string.
     """
-    minari = _minari()
+    minari, root = _minari(), Path(root).absolute()
     env_id, first = check_exportable(demonstrations), demonstrations[0]
     if not DATASET_ID.fullmatch(dataset_id):
         raise InvalidArgumentError(f"'{dataset_id}' is no id of a data set; it must read name-v0, or task/name-v0")
     with (
-        written_below(Path(root), dataset_id) as temporary,
+        written_below(root, dataset_id) as temporary,
         closing(make(env_id, **first.env_kwargs)) as env,
         _below(str(temporary)),
         warnings.catch_warnings(),
@@ -54,7 +54,7 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
             description="Demonstrations of a scripted teacher of lfd_gym.",
             requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
         )
-    return Path(root) / dataset_id
+    return root / dataset_id
 
 
 def _minari() -> Any:
