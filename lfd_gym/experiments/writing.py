@@ -140,7 +140,7 @@ def _cells(written: Sequence[Sequence[dict[str, Any]]]) -> list[str]:
     inked = [1000.0 * episode["distance"] for episode in episodes if episode["distance"] is not None]
     return [
         rate(sum(solved) / len(solved), len(written[0])),
-        ", ".join(map(str, solved)),
+        ", ".join(f"{100.0 * count / len(written[0]):.0f}" for count in solved),
         *(f"{100.0 * np.mean([episode[name] for episode in episodes]):.1f}" for name in ("coverage", "precision")),
         f"{np.median(inked):.1f}" if inked else "no ink",
     ]
