@@ -53,9 +53,10 @@ class MoASkill(Skill):
     """Follows a path over time (thesis 4.4.2), and presses and turns by schedules.
 
     The goal of step i makes the controller's attractor follow the path x exactly, g_i = x_i + (x_i'' / alpha + x_i') / beta.
-    Its clock stops while the tool shall press and does not feel the contact, or lags behind by more than `LAG`: who
-    demonstrated pressed all along the contact, and was where the path is. After `PATIENCE` it goes on, whatever is missing,
-    until nothing is, and patience comes back as it went. A press ends where the tool has moved along it: there is no wall.
+    Its clock stops while the tool should press and feels no contact, and while it lags behind the path by more than `LAG`:
+    at that time of the demonstrations the tool was in contact and on the path. A wait lasts `PATIENCE` at most. Then the
+    path goes on until nothing is missing any more, while patience recovers as fast as it was spent. A press is given up
+    where the tool has moved along it from its place by more than `YIELDS`: no wall is there.
     """
 
     kind: ClassVar[str] = "moa"
