@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 CONTACT_FORCE = 0.5
 """A stronger wrench is a contact [N]; a tool at rest in free space measures below 0.2 N."""
 SHORTEST = 0.06
-"""Contacts and gaps between them that are shorter count as chatter [s]."""
+"""Contacts and gaps between them that are shorter count as chatter, and so do the ends of a contact [s]."""
 PRESS = 0.3
 """A shorter contact is no press: fingers that close give the tool a push [s]."""
 YIELDS = 0.01
@@ -74,7 +74,7 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
         f = int(np.argmin(_spread(points[:, at]).mean(axis=0)))
         exerted = np.array([-wrench[at, :3] @ a[f] for wrench, a in zip(wrenches, axes, strict=True)])
         here = points[:, at, f]
-        pressed = _straight(_across(exerted, here, dt), here)
+        pressed = _straight(_across(exerted, here, dt), here, pad)
         if not pressed.any():
             pressed = _about_the_axis(exerted, here)
         if pressed.any():
@@ -82,11 +82,17 @@ def learn_presses(local: Sequence[Array], axes: Sequence[Array], wrenches: Seque
     return PressSchedule(force, frame)
 
 
-def _straight(across: Array, points: Array) -> Array:
-    """One force (N, 3) [N] for a whole contact, or 0: from those across the movement (M, N, 3), and its points (M, N, 3)."""
+def _straight(across: Array, points: Array, pad: int) -> Array:
+    """One force (N, 3) [N] for a whole contact, or 0: from those across the movement (M, N, 3), and its points (M, N, 3).
+
+    It needs a wall: the tool does not move along the force. In the first and last `pad` steps it may arrive and withdraw.
+    """
     press = np.median(across.reshape(-1, 3), axis=0)
-    strength = np.linalg.norm(press)
-    wall = strength >= CONTACT_FORCE and np.ptp(points @ (press / strength), axis=1).max() < YIELDS
+    strength = float(np.linalg.norm(press))
+    n = points.shape[1]
+    edge = min(pad, (n - 1) // 2)
+    depth = points[:, edge : n - edge] @ (press / max(strength, CONTACT_FORCE))
+    wall = strength >= CONTACT_FORCE and np.ptp(depth, axis=1).max() < YIELDS
     return np.broadcast_to(press * wall, points.shape[1:])
 
 

@@ -67,6 +67,27 @@ def test_the_press_is_learned_without_friction(skill):
     assert set(skill.press.frame[skill.press.force.any(axis=1)]) == {1}
 
 
+def test_a_hand_that_withdraws_in_a_hurry_pressed_all_the_same():
+    """It accelerates what is below the sensor, which therefore feels a contact for a moment longer."""
+    height = np.zeros(100)
+    height[57:] = np.minimum(0.005 * np.arange(1, 44), 0.1)
+    points = np.stack([0 * height, 0 * height, height], axis=1)
+    wrench = np.zeros((100, 6))
+    wrench[20:57, 2], wrench[57:60, 2] = 4.0, -1.0
+    force = learn_presses([points[:, None]] * 2, [np.eye(3)[None]] * 2, [wrench] * 2, 0.02).force
+    assert force[20:57] == pytest.approx(np.tile([0.0, 0.0, -4.0], (37, 1)))
+    slow = points * (1.0, 1.0, 3.0)
+    slow[:, 2] = np.clip(0.001 * (np.arange(100) - 40), 0.0, 0.1)
+    assert not learn_presses([slow[:, None]] * 2, [np.eye(3)[None]] * 2, [wrench] * 2, 0.02).force.any()
+
+
+def test_a_contact_of_a_single_long_step_may_be_a_press():
+    wrench = np.zeros((5, 6))
+    wrench[2, 2] = 4.0
+    force = learn_presses([np.zeros((5, 1, 3))], [np.eye(3)[None]], [wrench], 0.5).force
+    assert np.array_equal(np.flatnonzero(force.any(axis=1)), [2])
+
+
 def test_what_gives_way_is_carried_and_not_pressed():
     rng = np.random.default_rng(0)
     height = np.clip(np.linspace(-0.1, 0.3, 200), 0.0, 0.2)
