@@ -10,7 +10,7 @@ from kinematic_world import PRIMITIVES, teach
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.observed import CARRIED_PENALTY, observe
-from policies.decomposition.segmentation import ENTITIES, segment, smooth
+from policies.decomposition.segmentation import ENTITIES, Segment, segment, smooth
 from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing, widest_gap
 
 TURN, SHIFT = quaternion.from_rotation_vector(np.array([0.0, 0.0, 1.1])), np.array([0.1, -0.2, 0.05])
@@ -147,3 +147,18 @@ def test_an_angle_about_a_near_axis_is_no_way(shown: list[Demonstration]) -> Non
     assert (observed.constants.max(axis=1) > -5.0).all()
     cartesian = [i for i, space in enumerate(observed.spaces) if not any(space.held)][:3]
     assert (observed.constants[:, cartesian] > CARRIED_PENALTY).all()
+
+
+def test_what_slips_in_the_hand_while_it_is_put_down_is_still_carried(shown: list[Demonstration]) -> None:
+    """Its own frame would explain where it goes, whatever that is about; left behind, it is a place again."""
+    seen = dict(shown[0].observations)
+    steps = np.arange(len(seen["tool_position"]))[:, None]
+    across, down, away = ([0.2, 0.0, 0.0], 10), ([0.0, 0.0, -0.06], 50), ([0.0, 0.1, 0.0], 90)
+    ways = [np.clip((steps - start) / 30.0, 0.0, 1.0) * way for way, start in (across, down, away)]
+    seen["tool_position"] = np.array([0.5, 0.0, 0.3]) + sum(ways)
+    seen["frame_bin"] = np.tile(seen["frame_bin"][:1], (len(steps), 1))
+    seen["frame_bin"][:, :3] = np.array([0.5, 0.0, 0.28]) + ways[0] + 0.8 * ways[1]
+    parts = [Segment(0, start, start + 40, start + 31) for _, start in (across, down, away)]
+    data = entity_segments([dataclasses.replace(shown[0], observations=seen)], "position", parts)
+    f = next(i for i, space in enumerate(data.spaces) if (space.frame, space.space) == ("bin", "cartesian"))
+    assert (observe(data).constants[:, f] < 0.5 * CARRIED_PENALTY).tolist() == [True, True, False]

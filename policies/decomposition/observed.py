@@ -36,6 +36,8 @@ SHORT = 1.2
 CARRIED, FAR = 0.15, 3.0
 """A frame in which the entity moves by less than this share of the farthest way in any frame, where that is farther than so
 many units, is carried along; so it is in short movements that follow."""
+LEFT = 0.5
+"""In longer ones it is until it moves by more than this share: what is put down may slip in the hand."""
 CARRIED_PENALTY = -20.0
 HINT_FLOOR = 0.05
 """Least weight of a hint: it may be wrong."""
@@ -196,8 +198,9 @@ def _constants(data: EntitySegments, lengths: Array, unit: float) -> Array:
     farthest = lengths.max(axis=1, keepdims=True)
     carried = carried_along(lengths)
     for i in range(1, len(carried)):
-        if farthest[i, 0] <= FAR and data.segments[i].demonstration == data.segments[i - 1].demonstration:
-            carried[i] = carried[i - 1]
+        if data.segments[i].demonstration == data.segments[i - 1].demonstration:
+            short = farthest[i, 0] <= FAR
+            carried[i] = carried[i - 1] if short else carried[i] | carried[i - 1] & (lengths[i] < LEFT * farthest[i])
     return np.asarray(constants + CARRIED_PENALTY * carried)
 
 
