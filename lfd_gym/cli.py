@@ -272,7 +272,7 @@ def render(
     noise: NoiseOption = 1.0,
     mode: ModeOption = "commanded",
     at: Annotated[
-        float, typer.Option(min=0.0, help="Time of the picture, in seconds; its end if that is earlier.")
+        float, typer.Option(min=0.0, help="Time of the picture, in seconds, or the end of the episode.")
     ] = 8.0,
     settings: SetOption = None,
 ) -> None:
