@@ -1,12 +1,14 @@
 """What all exported data sets have in common: one environment, and a folder that is written whole."""
 
+import importlib
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from lfd_gym.demonstration import Demonstration, check_same_environment
-from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
 from lfd_gym.paths import check_writable
 
 
@@ -18,6 +20,14 @@ def check_exportable(demonstrations: Sequence[Demonstration]) -> str:
             "the demonstrations were given with several arguments of the environment; one is needed"
         )
     return env_id
+
+
+def imported(name: str) -> Any:
+    """A module that the extra `data` installs; MissingExtraError without it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingExtraError("export", "data", name) from error
 
 
 @contextmanager

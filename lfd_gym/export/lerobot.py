@@ -12,7 +12,6 @@
 | `subtask_index` | the primitive that was active, a row of `meta/subtasks.parquet`; the first is "none" |
 """
 
-import importlib
 import json
 import os
 import re
@@ -25,8 +24,8 @@ from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
 from lfd_gym.demonstration import NO_LABEL, Demonstration
-from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
-from lfd_gym.export.data_set import check_exportable, written_below
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from lfd_gym.export.data_set import check_exportable, imported, written_below
 from lfd_gym.registry import kebab_case
 
 Columns = dict[str, NDArray[Any]]
@@ -46,7 +45,7 @@ def to_lerobot(demonstrations: Sequence[Demonstration], root: str | os.PathLike[
     several tables of primitives, and InvalidArgumentError for an id that is malformed or taken, and for time steps that are
     no fraction of a second.
     """
-    pandas, arrow = _module("pandas"), _module("pyarrow")
+    pandas, arrow, parquet = (imported(name) for name in ("pandas", "pyarrow", "pyarrow.parquet"))
     env_id, first = check_exportable(demonstrations), demonstrations[0]
     if not REPO_ID.fullmatch(repo_id):
         raise InvalidArgumentError(f"'{repo_id}' is no id of a data set; it must read owner/name")
@@ -62,8 +61,8 @@ def to_lerobot(demonstrations: Sequence[Demonstration], root: str | os.PathLike[
         for place in ("meta/episodes/" + FIRST, "data/" + FIRST):
             (folder / place).parent.mkdir(parents=True)
         everything = {name: np.concatenate([episode[name] for episode in episodes]) for name in episodes[0]}
-        arrow.parquet.write_table(_table(arrow, everything), folder / "data" / FIRST)
-        arrow.parquet.write_table(_index(arrow, episodes, task), folder / "meta" / "episodes" / FIRST)
+        parquet.write_table(_table(arrow, everything), folder / "data" / FIRST)
+        parquet.write_table(_index(arrow, episodes, task), folder / "meta" / "episodes" / FIRST)
         subtasks = ["none", *(primitive.name for primitive in first.primitives)]
         for kind, rows in (("task", [task]), ("subtask", subtasks)):
             numbered = pandas.DataFrame({f"{kind}_index": range(len(rows))}, index=rows)
@@ -105,23 +104,27 @@ def _episodes(demonstrations: Sequence[Demonstration]) -> list[Columns]:
 
 def _observed(demonstration: Demonstration) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What was measured on the robot and of the frames, (T + 1, D) each; columns in the order of `_names`."""
-    parts: tuple[list[NDArray[Any]], list[NDArray[Any]]] = ([], [])
-    for name in sorted(demonstration.observations):
-        parts[name.startswith("frame_")].append(demonstration.observations[name])
-    none = np.empty((len(demonstration) + 1, 0))
-    return np.hstack([none, *parts[0]]), np.hstack([none, *parts[1]])
+    none, seen = np.empty((len(demonstration) + 1, 0)), demonstration.observations
+    robot, frames = (np.hstack([none, *(seen[name] for name in names)]) for names in _sides(demonstration))
+    return robot, frames
+
+
+def _sides(demonstration: Demonstration) -> tuple[list[str], list[str]]:
+    """Names of the observations of the robot, and of the frames."""
+    names = sorted(demonstration.observations)
+    frames = [name for name in names if name.startswith("frame_")]
+    return [name for name in names if name not in frames], frames
 
 
 def _names(demonstration: Demonstration) -> dict[str, list[str]]:
     """Names of the components of the columns that have several."""
-    observed: tuple[list[str], list[str]] = ([], [])
-    for name in sorted(demonstration.observations):
-        size = demonstration.observations[name].shape[1]
-        observed[name.startswith("frame_")].extend(f"{name}.{i}" for i in range(size))
+    seen, n_actions = demonstration.observations, demonstration.actions.shape[1]
+    robot, frames = (
+        [f"{name}.{i}" for name in own for i in range(seen[name].shape[1])] for own in _sides(demonstration)
+    )
     parts = {part: getattr(ActionLayout, part) for part in ("position", "rotation", "force", "hand")}
-    n_actions = demonstration.actions.shape[1]
     action = [f"{part}.{i}" for part, place in parts.items() for i in range(len(range(*place.indices(n_actions))))]
-    return {"observation.state": observed[0], "observation.environment_state": observed[1], "action": action}
+    return {"observation.state": robot, "observation.environment_state": frames, "action": action}
 
 
 def _table(arrow: Any, columns: Columns) -> Any:
@@ -185,12 +188,3 @@ def _info(columns: Columns, names: Mapping[str, list[str]], rate: int, n_episode
         "video_path": None,
         "features": features,
     }
-
-
-def _module(name: str) -> Any:
-    try:
-        if name == "pyarrow":
-            importlib.import_module("pyarrow.parquet")
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise MissingExtraError("export", "data", name) from error

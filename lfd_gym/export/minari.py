@@ -1,6 +1,5 @@
 """Demonstrations as a data set of Minari, from which libraries of offline reinforcement learning read."""
 
-import importlib
 import os
 import re
 import warnings
@@ -12,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lfd_gym.demonstration import NO_LABEL, Demonstration
-from lfd_gym.errors import InvalidArgumentError, MissingExtraError
-from lfd_gym.export.data_set import check_exportable, written_below
+from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.export.data_set import check_exportable, imported, written_below
 from lfd_gym.registry import make
 
 ROOT = "MINARI_DATASETS_PATH"
@@ -31,7 +30,7 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
     Raises MissingExtraError without the extra `data`, DemonstrationError for demonstrations of several environments, and
     InvalidArgumentError for an id that is malformed or taken and for an environment that is not registered by a string.
     """
-    minari, root = _minari(), Path(root).absolute()
+    minari, root = imported("minari"), Path(root).absolute()
     env_id, first = check_exportable(demonstrations), demonstrations[0]
     if not DATASET_ID.fullmatch(dataset_id):
         raise InvalidArgumentError(f"'{dataset_id}' is no id of a data set; it must read name-v0, or task/name-v0")
@@ -55,13 +54,6 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
             requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
         )
     return root / dataset_id
-
-
-def _minari() -> Any:
-    try:
-        return importlib.import_module("minari")
-    except ImportError as error:
-        raise MissingExtraError("export", "data", "minari") from error
 
 
 @contextmanager
