@@ -47,6 +47,8 @@ SetOption = Annotated[
 ]
 NoiseOption = Annotated[float, typer.Option(help="Scale of the teacher's noise: 0 clean, 1 a human's.")]
 ModeOption = Annotated[str, typer.Option(help="How the teacher shows it: 'commanded' or 'kinesthetic'.")]
+TeachersNoiseOption = Annotated[float | None, typer.Option(help="Scale of the teacher's noise, 1 if left out.")]
+TeachersModeOption = Annotated[str | None, typer.Option(help="How the teacher shows it, 'commanded' if left out.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the first episode.")]
 JobsOption = Annotated[int, typer.Option(min=1, help="Processes; they change nothing but time.")]
 
@@ -151,7 +153,7 @@ def learn(
     settings: SetOption = None,
 ) -> None:
     """Learn a skill from demonstrations."""
-    check_writable(out)
+    check_writable(out, *demonstrations)
     if len({path.resolve() for path in demonstrations}) < len(demonstrations):
         raise InvalidArgumentError("a file of demonstrations was given twice")
     chosen = cli_names.parse_settings(settings)
@@ -189,7 +191,7 @@ def train(
     from lfd_gym.demonstration import load_demonstrations
     from lfd_gym.registry import environment_id, load
 
-    check_writable(out)
+    check_writable(out, *(demos or ()))
     env_id, chosen = environment_id(env), cli_names.parse_settings(settings)
     shown = [demonstration for path in demos or () for demonstration in load_demonstrations(path)]
     schedule = load("policies.reinforcement.training:Schedule")(
@@ -222,7 +224,7 @@ def finetune(
     from lfd_gym.registry import load
     from policies import load_skill
 
-    check_writable(out)
+    check_writable(out, skill)
     start, chosen = load_skill(skill), cli_names.parse_settings(settings)
     practised = load("policies.reinforcement.finetuning:finetune")(
         method, start, env, episodes, _beside(out), seed=seed, env_kwargs=chosen, jobs=jobs, progress=True
@@ -241,8 +243,8 @@ def evaluate(
     env: EnvArgument,
     n: Annotated[int, typer.Option("-n", help="Number of episodes.")] = 20,
     seed: SeedOption = 100000,
-    noise: NoiseOption = 1.0,
-    mode: ModeOption = "commanded",
+    noise: TeachersNoiseOption = None,
+    mode: TeachersModeOption = None,
     jobs: JobsOption = 1,
     json_path: Annotated[Path | None, typer.Option("--json", help="File for the report as data.")] = None,
     settings: SetOption = None,
@@ -253,7 +255,7 @@ def evaluate(
     from lfd_gym.registry import environment_id
 
     if json_path is not None:
-        check_writable(json_path)
+        check_writable(json_path, skill)
     env_id, chosen = environment_id(env), cli_names.parse_settings(settings)
     policy = cli_names.policy(skill, env_id, noise, mode, chosen)
     report = run_evaluation(env_id, policy, n, seed, jobs=jobs, env_kwargs=chosen, progress=True)
@@ -269,8 +271,8 @@ def render(
     env: EnvArgument,
     out: Annotated[Path, typer.Option(help="Video (.mp4) or picture (.png) to write.")],
     seed: SeedOption = 100000,
-    noise: NoiseOption = 1.0,
-    mode: ModeOption = "commanded",
+    noise: TeachersNoiseOption = None,
+    mode: TeachersModeOption = None,
     at: Annotated[
         float, typer.Option(min=0.0, help="Time of the picture, in seconds, or the end of the episode.")
     ] = 8.0,
@@ -282,7 +284,7 @@ def render(
     from lfd_gym.registry import environment_id, make
 
     env_id, chosen, path = environment_id(env), cli_names.parse_settings(settings), rendering.video_path(out)
-    check_writable(path)
+    check_writable(path, skill)
     if "render_mode" in chosen:
         raise InvalidArgumentError("'render' decides the render_mode itself; leave it out")
     policy = cli_names.policy(skill, env_id, noise, mode, chosen)
@@ -295,7 +297,9 @@ def render(
         print(f"written to {path}")
     else:
         count = rendering.write_video(path, rendering.frames(world, policy, seed))
-        print(f"{count / rendering.FRAMES_PER_SECOND:.1f} s at {rendering.SPEED_UP} times the speed, written to {path}")
+        seconds, dt = count / rendering.FRAMES_PER_SECOND, world.unwrapped.dt  # type: ignore[attr-defined]
+        speed = rendering.steps_per_picture(dt) * dt * rendering.FRAMES_PER_SECOND
+        print(f"{seconds:.1f} s at {speed:g} times the speed, written to {path}")
     world.close()
 
 

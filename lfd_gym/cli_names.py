@@ -47,13 +47,19 @@ def learner(method: str, settings: dict[str, Any]) -> Any:
 
 
 def policy(
-    skill: str, env_id: str, noise: float, mode: str = "commanded", settings: Mapping[str, Any] = NO_SETTINGS
+    skill: str,
+    env_id: str,
+    noise: float | None = None,
+    mode: str | None = None,
+    settings: Mapping[str, Any] = NO_SETTINGS,
 ) -> Any:
-    """The policy that "teacher", "random" or the path of a skill stands for."""
+    """The policy that "teacher", "random" or the path of a skill stands for; noise and mode are the teacher's."""
     from lfd_gym.rollout import RandomPolicy, TeacherPolicy
 
     if skill == "teacher":
-        return TeacherPolicy(teacher(env_id, noise, mode, settings))
+        return TeacherPolicy(teacher(env_id, 1.0 if noise is None else noise, mode or "commanded", settings))
+    if (noise, mode) != (None, None):
+        raise InvalidArgumentError(f"--noise and --mode are the teacher's; '{skill}' has neither")
     if skill == "random":
         return RandomPolicy()
     from policies import load_skill

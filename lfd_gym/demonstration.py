@@ -176,7 +176,8 @@ def load_demonstrations(path: str | os.PathLike[str]) -> list[Demonstration]:
     """
     path = Path(path)
     if not path.is_file():
-        raise DemonstrationError(f"no demonstrations at '{path}': there is no such file; 'lfd-gym teach' writes one")
+        reason = "it is a folder" if path.is_dir() else "there is no such file"
+        raise DemonstrationError(f"no demonstrations at '{path}': {reason}; 'lfd-gym teach' writes a file")
     try:
         with h5py.File(path, "r") as file:
             data = file.get("data")

@@ -45,10 +45,10 @@ class RenderingUnavailableError(LfdGymError, RuntimeError):
 class UnknownNameError(LfdGymError, LookupError):
     """A name is not among the known ones: "no environment 'bulp'; possible: light-bulb, ..."."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: Any, known: Iterable[str]) -> None:
         """State what kind of thing was asked for, the name that was given and the names that exist."""
-        self.kind, self.name, self.known = kind, name, tuple(known)
-        close = difflib.get_close_matches(name, self.known, n=1)
+        self.kind, self.name, self.known = kind, str(name), tuple(known)
+        close = difflib.get_close_matches(self.name, self.known, n=1)
         hint = f" (did you mean '{close[0]}'?)" if close else ""
         super().__init__(f"no {kind} '{name}'{hint}; possible: {', '.join(self.known) or 'none'}")
 

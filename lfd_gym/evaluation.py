@@ -11,9 +11,10 @@ import gymnasium
 import joblib
 
 from lfd_gym.errors import InvalidArgumentError, SeedOverlapError
+from lfd_gym.json_values import json_values
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make, task_id
-from lfd_gym.rollout import Policy, rollout
+from lfd_gym.rollout import Policy, as_policy, rollout
 from lfd_gym.versions import versions
 
 SCHEMA = "lfd_gym.evaluation/1"
@@ -108,21 +109,23 @@ class EvaluationReport:
 
 def evaluate(
     env_id: str,
-    policy: Policy,
+    policy: Any,
     episodes: int,
     seed: int,
     jobs: int = 1,
     env_kwargs: Mapping[str, Any] | None = None,
     progress: bool = False,
 ) -> EvaluationReport:
-    """Run `policy` in `episodes` episodes, the i-th of them reset with `seed + i`, in `jobs` processes.
+    """Run a policy or a teacher in `episodes` episodes, the i-th of them reset with `seed + i`, in `jobs` processes.
 
     `jobs` changes nothing but time; for more than one the policy must be picklable. An exception in an episode makes it
     a failed one that keeps the exception's text as `error`. Raises SeedOverlapError if the policy was taught on one of
     the seeds, and InvalidArgumentError if it does not fit the environment (`check_fits`) or a number is out of range.
     """
-    _check_numbers(episodes=episodes, seed=seed, jobs=jobs)
+    check_numbers(episodes=episodes, seed=seed, jobs=jobs)
+    policy = as_policy(policy)
     env_id, env_kwargs = environment_id(env_id), dict(env_kwargs or {})
+    written = json_values(env_kwargs)
     seeds = range(seed, seed + episodes)
     overlap = sorted(set(getattr(policy, "taught_seeds", ())).intersection(seeds))
     if overlap:
@@ -133,7 +136,7 @@ def evaluate(
         )
     finished = _run_all(env_id, env_kwargs, policy, seeds, jobs)
     rows = tuple(track(finished, episodes, "episodes", progress))
-    return EvaluationReport(env_id, env_kwargs, describe(policy), rows)
+    return EvaluationReport(env_id, written, describe(policy), rows)
 
 
 def check_fits(policy: Any, env: gymnasium.Env) -> None:
@@ -149,6 +152,11 @@ def check_fits(policy: Any, env: gymnasium.Env) -> None:
     missing = sorted(name for name in _frames(teacher) if f"frame_{name}" not in observed)
     if missing:
         raise InvalidArgumentError(f"{type(teacher).__name__} cannot teach {env_id}: no frame {', '.join(missing)}")
+    seen = getattr(policy, "observation_space", native.observation_space)
+    if seen != native.observation_space:
+        raise InvalidArgumentError(
+            f"this agent sees {seen} and not what {env_id} shows; for one of the RL view, make a ViewPolicy(agent, env.view)"
+        )
     if dt is not None and not math.isclose(dt, step):
         raise InvalidArgumentError(
             f"this skill was taught at {1.0 / dt:g} decisions per second, not at {1.0 / step:g}; set control_hz={1.0 / dt:g}"
@@ -179,7 +187,8 @@ def _frames(teacher: Any) -> set[str]:
     return {entity.frame for row in table for entity in row[1:] if entity is not None} - {"world"}
 
 
-def _check_numbers(**numbers: Any) -> None:
+def check_numbers(**numbers: Any) -> None:
+    """Raise InvalidArgumentError unless all are whole numbers, a `seed` from 0 and what else there is from 1 on."""
     for name, value in numbers.items():
         least = 0 if name == "seed" else 1
         if not isinstance(value, Integral) or value < least:

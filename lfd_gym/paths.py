@@ -17,9 +17,16 @@ def assets() -> Path:
     return installed if installed.is_dir() else package.parent / "assets"
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise InvalidArgumentError where no file can be written at this path, before long work for it; makes nothing."""
+def check_writable(path: str | os.PathLike[str], *read: str | os.PathLike[str]) -> None:
+    """Raise InvalidArgumentError where no file can be written, before long work for it; makes nothing.
+
+    Args:
+        path: of the file to write.
+        read: files that are read for it, which must not be lost.
+    """
     path = Path(path)
+    if path.resolve() in [Path(other).resolve() for other in read]:
+        raise InvalidArgumentError(f"cannot write '{path}': it is read here; choose another name")
     if path.is_dir():
         raise InvalidArgumentError(f"cannot write '{path}': it is a folder, a file name is needed")
     if path.exists() and not path.is_file():

@@ -54,7 +54,7 @@ class Perturbation:
         if isinstance(values, Perturbation):
             return values
         if not isinstance(values, Mapping | None):
-            raise InvalidArgumentError(f"perturbation {values!r}; possible: a mapping such as {{'push_arm': 20}}")
+            raise InvalidArgumentError(f'perturbation {values!r}; possible: a mapping such as {{"push_arm": 20}}')
         known = [field.name for field in fields(cls)]
         for name in values or ():
             if name not in known:

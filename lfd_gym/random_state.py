@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-SIZE = 10
 _SHIFTS = (0, 32, 64, 96)
 
 

@@ -10,10 +10,11 @@ import numpy as np
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.derived_actions import derive_actions
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
-from lfd_gym.evaluation import check_fits
+from lfd_gym.evaluation import check_fits, check_numbers
+from lfd_gym.json_values import json_values
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
-from lfd_gym.rollout import Step, TeacherPolicy, rollout
+from lfd_gym.rollout import Step, TeacherPolicy, as_policy, rollout
 from lfd_gym.versions import versions
 
 TEACHING_SEEDS = 2**32
@@ -47,19 +48,17 @@ def record(
     and on the first one of its setup. Raises InvalidArgumentError for n < 1, a negative seed or an n that is no multiple
     of `repeat` and a teacher of another task, DemonstrationError if the teacher fails too often.
     """
-    if n < 1:
-        raise InvalidArgumentError(f"{n} demonstrations were asked for; at least 1 is needed")
-    if seed < 0:
-        raise InvalidArgumentError(f"the seed is {seed}; it must be 0 or more")
-    if repeat < 1 or n % repeat:
-        raise InvalidArgumentError(
-            f"{n} demonstrations, {repeat} per setup; n must be a multiple of 1 or more per setup"
-        )
+    check_numbers(n=n, seed=seed, repeat=repeat)
+    if n % repeat:
+        raise InvalidArgumentError(f"{n} demonstrations, {repeat} per setup; n must be a multiple of that")
+    policy, written = as_policy(teacher), json_values(env_kwargs or {})
+    if not isinstance(policy, TeacherPolicy):
+        raise InvalidArgumentError(f"a {type(teacher).__name__} does not teach: it has no `act`")
     env = StateRecorder(make(env_id, **(env_kwargs or {})))
     discarded: list[int] = []
     try:
-        check_fits(TeacherPolicy(teacher), env)
-        attempts = _successes(env, teacher, seed, ATTEMPTS * n, dict(env_kwargs or {}), discarded, repeat)
+        check_fits(policy, env)
+        attempts = _successes(env, teacher, seed, ATTEMPTS * n, written, discarded, repeat)
         demonstrations = list(track(islice(attempts, n), n, "demonstrations", progress))
     finally:
         env.close()

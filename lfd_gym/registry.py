@@ -6,13 +6,15 @@ The registries of the other packages (`policies.LEARNERS`, `scripted_teachers.TE
 
 import importlib
 import inspect
+import os
 import re
+import sys
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import gymnasium
 
-from lfd_gym.errors import InvalidArgumentError, MissingExtraError, UnknownNameError
+from lfd_gym.errors import InvalidArgumentError, MissingExtraError, RenderingUnavailableError, UnknownNameError
 
 EXTRAS = {
     "torch": "rl", "stable_baselines3": "rl", "sb3_contrib": "rl", "cma": "rl",
@@ -105,7 +107,11 @@ def make(name: str, /, **kwargs: Any) -> gymnasium.Env:
 
 
 def load(path: str) -> Any:
-    """The object at "package.module:Name"; MissingExtraError where a module of an extra is not installed."""
+    """The object at "package.module:Name".
+
+    Raises MissingExtraError where a module of an extra is not installed, RenderingUnavailableError where MuJoCo cannot be
+    imported with the MUJOCO_GL that is set.
+    """
     module, _, name = path.partition(":")
     try:
         return getattr(importlib.import_module(module), name)
@@ -113,6 +119,11 @@ def load(path: str) -> Any:
         missing = (error.name or "").partition(".")[0]
         if missing in EXTRAS:
             raise MissingExtraError(name, EXTRAS[missing], missing) from error
+        raise
+    except (AttributeError, ImportError, RuntimeError) as error:
+        backend = os.environ.get("MUJOCO_GL")
+        if backend and "mujoco" not in sys.modules:
+            raise RenderingUnavailableError(f"MuJoCo cannot be imported with MUJOCO_GL={backend}") from error
         raise
 
 

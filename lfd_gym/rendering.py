@@ -23,7 +23,7 @@ HEADLESS = ("egl", "osmesa")
 """Back ends that need no display, the faster first."""
 FRAMES_PER_SECOND = 25
 SPEED_UP = 2
-"""Videos play this much faster than the simulation's clock."""
+"""Videos play this much faster than the simulation's clock, or as near to it as the control step allows."""
 SHADOW_SIZE, SAMPLES = 1024, 0
 """Quality of videos: on a machine without a graphics card, most of the time of a picture goes into these."""
 PROBE = """
@@ -42,15 +42,16 @@ HOW_TO = (
 def prepare() -> str:
     """Choose an OpenGL back end for MuJoCo, before or after it was imported, and return its name.
 
-    Does nothing if there is a display or if the user set MUJOCO_GL. Otherwise EGL and then OSMesa are tried, each in a
-    process of its own since a failed one cannot be unloaded. Raises RenderingUnavailableError.
+    Does nothing if the user set MUJOCO_GL. Otherwise the display, if there is one, EGL and OSMesa are tried, each in a process
+    of its own since a failed one cannot be unloaded. Raises RenderingUnavailableError.
     """
     chosen = os.environ.get("MUJOCO_GL")
     if chosen:
         return chosen
-    if sys.platform != "linux" or has_display():
+    if sys.platform != "linux":
         return "glfw"
-    backend = next((name for name in HEADLESS if works(name)), None)
+    candidates = ("glfw", *HEADLESS) if has_display() else HEADLESS
+    backend = next((name for name in candidates if works(name)), None)
     if backend is None:
         raise RenderingUnavailableError(HOW_TO)
     os.environ["MUJOCO_GL"] = backend
@@ -145,17 +146,22 @@ def renderer(model: Any, data: Any, mode: str, size: tuple[int, int], camera: st
 
 
 def frames(env: Any, policy: Policy, seed: int) -> Iterator[np.ndarray]:
-    """Pictures (height, width, 3) uint8 of one episode for a video at double speed; `env` renders rgb arrays.
+    """Pictures (height, width, 3) uint8 of one episode for a video; `env` renders rgb arrays.
 
     Raises RenderingUnavailableError where there is no OpenGL.
     """
     prepare()
     quality = env.unwrapped.model.vis.quality
     quality.shadowsize, quality.offsamples = SHADOW_SIZE, SAMPLES
-    every = max(1, round(SPEED_UP / (FRAMES_PER_SECOND * env.unwrapped.dt)))
+    every = steps_per_picture(env.unwrapped.dt)
     for i, _ in enumerate(rollout(env, policy, seed)):
         if i % every == 0:
             yield env.render()
+
+
+def steps_per_picture(dt: float) -> int:
+    """Control steps of `dt` [s] between two pictures of a video."""
+    return max(1, round(SPEED_UP / (FRAMES_PER_SECOND * dt)))
 
 
 def write_picture(path: str | os.PathLike[str], env: Any, policy: Policy, seed: int, seconds: float) -> None:

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, Protocol
 import gymnasium
 import numpy as np
 
+from lfd_gym.errors import InvalidArgumentError
+
 Observation = Mapping[str, np.ndarray]
 
 
@@ -93,6 +95,19 @@ class TeacherPolicy:
         if getattr(self.teacher, "guidance", None) is not None:
             self._world.set_guidance(self.teacher.guidance)
         return action, (np.array([label]),)
+
+
+def as_policy(policy: Any) -> Policy:
+    """The policy itself, or a teacher as one. Raises InvalidArgumentError for what neither predicts nor teaches."""
+    given = policy.__name__ if isinstance(policy, type) else type(policy).__name__
+    if isinstance(policy, type):
+        raise InvalidArgumentError(f"the class {given} was given; one of its objects is needed, such as {given}()")
+    if hasattr(policy, "predict"):
+        return policy
+    if hasattr(policy, "act"):
+        return TeacherPolicy(policy)
+    learner = "; of a learner, what it has learned is: `skill_`, after `fit`" if hasattr(policy, "fit") else ""
+    raise InvalidArgumentError(f"a {given} is no policy, since it has no `predict`{learner}")
 
 
 class RandomPolicy:

@@ -60,7 +60,7 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["teach", "light-bulb", "--out", "OUT", "--noise", "-1"], "0 (clean)"),
         (["teach", "light-bulb", "--out", "OUT", "--noise", "nan"], "0 (clean)"),
         (["teach", "light-bulb", "--out", "OUT", "--noise", "3000"], "up to 10"),
-        (["teach", "light-bulb", "--out", "OUT", "-n", "0"], "at least 1"),
+        (["teach", "light-bulb", "--out", "OUT", "-n", "0"], "1 or more"),
         (["teach", "light-bulb", "--out", "OUT", "--seed", "-1"], "0 or more"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "speed"], "name=value"),
         (["teach", "light-bulb", "--out", "OUT", "--set", "fingertip_fiction=1"], "did you mean 'fingertip_friction'"),
@@ -68,6 +68,14 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["teach", "light-bulb", "--out", "DEMOS/demos.h5"], "cannot write"),
         (["learn", "sequence-graf", "DEMOS", "--out", "OUT"], "did you mean 'sequence-graph'"),
         (["learn", "sequence-graph", "OUT/none.h5", "--out", "OUT"], "no such file"),
+        (["learn", "sequence-graph", ".", "--out", "OUT"], "it is a folder"),
+        (["learn", "sequence-graph", "DEMOS", "--out", "DEMOS"], "it is read here"),
+        (["train", "sac-demos", "light-bulb", "--steps", "9", "--demos", "DEMOS", "--out", "DEMOS"], "it is read here"),
+        (["finetune", "cma", "DEMOS", "light-bulb", "--episodes", "9", "--out", "DEMOS"], "it is read here"),
+        (["evaluate", "DEMOS", "light-bulb", "--json", "DEMOS"], "it is read here"),
+        (["evaluate", "random", "light-bulb", "--noise", "1"], "the teacher's"),
+        (["render", "OUT/skill.npz", "light-bulb", "--out", "OUT", "--mode", "kinesthetic"], "the teacher's"),
+        (["evaluate", "random", "light-bulb", "--set", "perturbation={'slip': 1}"], '{"push_arm": 20}'),
         (["learn", "sequence-graph", "DEMOS", "--out", "OUT", "--set", "grahp=1"], "did you mean 'graph'"),
         (["evaluate", "random", "light-bulp"], "did you mean 'light-bulb'"),
         (["evaluate", "random", "light-bulb", "-n", "0"], "1 or more"),
@@ -93,6 +101,13 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
 def test_bad_input_is_refused_in_one_line(arguments, says, capsys, tmp_path, demos) -> None:
     named = [a.replace("OUT", str(tmp_path / "out")).replace("DEMOS", str(demos)) for a in arguments]
     assert says in refuse(named, capsys, tmp_path)
+
+
+def test_an_opengl_that_does_not_work_is_named_in_one_line() -> None:
+    command = [sys.executable, "-m", "lfd_gym.cli", "evaluate", "random", "move-object", "-n", "1"]
+    done = subprocess.run(command, env=os.environ | {"MUJOCO_GL": "teapot"}, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "lfd-gym: MuJoCo cannot be imported with MUJOCO_GL=teapot\n"
 
 
 def test_no_file_takes_the_place_of_a_pipe_or_of_a_link(tmp_path) -> None:

@@ -2,7 +2,9 @@
 
 import itertools
 import json
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import toy
@@ -11,9 +13,11 @@ from scipy import stats
 from lfd_gym.demonstration import save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SeedOverlapError, UnknownNameError
 from lfd_gym.evaluation import check_fits, describe, evaluate, wilson_interval
+from lfd_gym.perturbation import Perturbation
 from lfd_gym.recording import TEACHING_SEEDS, record
 from lfd_gym.registry import make
 from lfd_gym.rollout import RandomPolicy, TeacherPolicy, rollout
+from policies.sequence_graph_learner import SequenceGraphLearner
 from scripted_teachers.move_object import MoveObjectTeacher
 
 
@@ -91,6 +95,44 @@ def test_a_teacher_that_has_taught_can_be_sent_to_processes() -> None:
     assert used.to_json() == evaluate("move-object", fresh, episodes=2, seed=100000).to_json()
 
 
+def test_a_teacher_is_judged_as_it_is() -> None:
+    wrapped = evaluate(toy.ENV_ID, TeacherPolicy(toy.PointTeacher()), episodes=3, seed=100000)
+    assert evaluate(toy.ENV_ID, toy.PointTeacher(), episodes=3, seed=100000).to_json() == wrapped.to_json()
+
+
+class Agent(toy.PointPolicy):
+    """Of Stable-Baselines3: it says what it sees."""
+
+    observation_space = gymnasium.spaces.Box(-1.0, 1.0, (3,))
+
+
+@pytest.mark.parametrize(
+    ("policy", "says"),
+    [
+        (toy.PointTeacher, r"class PointTeacher .* PointTeacher\(\)"),
+        (SequenceGraphLearner(), "`skill_`, after `fit`"),
+        (None, "NoneType is no policy"),
+        ("random", "str is no policy"),
+        (Agent(), "ViewPolicy"),
+    ],
+)
+def test_what_is_no_policy_is_refused_before_the_first_episode(policy: Any, says: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=says):
+        evaluate(toy.ENV_ID, policy, episodes=1, seed=100000)
+
+
+@pytest.mark.parametrize("numbers", [{"n": 0}, {"n": 2.0}, {"seed": 0.5}, {"seed": -1}, {"repeat": 0}])
+def test_demonstrations_are_counted_in_whole_numbers(numbers: dict[str, Any]) -> None:
+    with pytest.raises(InvalidArgumentError, match=next(iter(numbers))):
+        record(toy.ENV_ID, toy.PointTeacher(), **({"n": 1, "seed": 0} | numbers))
+
+
+@pytest.mark.parametrize("teacher", [toy.PointTeacher, toy.PointPolicy()])
+def test_who_does_not_teach_is_not_recorded(teacher: Any) -> None:
+    with pytest.raises(InvalidArgumentError, match="class PointTeacher|does not teach"):
+        record(toy.ENV_ID, teacher, n=1, seed=0)
+
+
 def test_a_teacher_of_another_task_is_refused() -> None:
     teacher = MoveObjectTeacher()
     with pytest.raises(InvalidArgumentError, match="cannot teach lfd_gym/LightBulb-v0: no frame object, target"):
@@ -120,6 +162,16 @@ def test_the_report_is_json_with_the_promised_keys() -> None:
     }
     assert set(report["episodes"][0]) == {"seed", "success", "subtasks", "steps", "seconds", "return", "error"}
     assert report["env_kwargs"] == {"speed": 2.0}
+
+
+def test_arguments_of_any_kind_are_written_down_as_json() -> None:
+    given = {"control_hz": np.int64(50), "perturbation": Perturbation(push_arm=20.0)}
+    report = evaluate("move-object", toy.PointPolicy(), episodes=1, seed=100000, env_kwargs=given)
+    written = json.loads(report.to_json())["env_kwargs"]
+    assert written["control_hz"] == 50
+    assert make("move-object", **written).unwrapped.perturbation == given["perturbation"]
+    with pytest.raises(InvalidArgumentError, match="cannot be written down"):
+        evaluate(toy.ENV_ID, toy.PointPolicy(), episodes=1, seed=100000, env_kwargs={"speed": 1j})
 
 
 def test_the_policy_sees_a_start_once_and_its_own_state_afterwards() -> None:

@@ -14,6 +14,7 @@ from lfd_gym.demonstration import Demonstration, save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
 from lfd_gym.export.minari import ROOT, to_minari
 from lfd_gym.recording import record
+from scripted_teachers.move_object import MoveObjectTeacher
 
 minari = pytest.importorskip("minari", reason="needs the extra 'data'")
 ID = "point/noisy-v3"
@@ -50,6 +51,17 @@ def test_minari_reads_what_was_measured_and_makes_the_environment(shown, tmp_pat
         observation, *_ = env.step(action)
     for name, value in observation.items():
         np.testing.assert_array_equal(value, shown[1].observations[name][-1])
+
+
+def test_an_episode_that_success_did_not_end_is_truncated(tmp_path: Path, monkeypatch) -> None:
+    arguments = {"terminate_on_success": False}
+    shown = record("move-object", MoveObjectTeacher(noise=0.0), n=1, seed=0, env_kwargs=arguments).demonstrations
+    to_minari(shown, tmp_path, "object-v0")
+    monkeypatch.setenv(ROOT, str(tmp_path))
+    (episode,) = minari.load_dataset("object-v0")
+    assert shown[0].success
+    assert not episode.terminations.any()
+    assert episode.truncations.tolist() == [False] * (len(shown[0]) - 1) + [True]
 
 
 def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: Path, monkeypatch) -> None:

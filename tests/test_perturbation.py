@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfd_gym import quaternion
+from lfd_gym import quaternion, wam
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.perturbation import EARLIEST, LATEST, PUSH_TIME, Perturbation, Schedule
 from lfd_gym.registry import make
@@ -79,16 +79,26 @@ def test_tracked_frames_are_turned_by_the_given_spread_and_stay_so() -> None:
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, 2.0])
 def test_variation_widens_the_ranges_about_their_middles(factor: float) -> None:
-    """Of the object's mass, 0.1 to 0.2 kg, and friction, 0.6 to 1.0."""
+    """Of the object's mass, 0.1 to 0.2 kg, and friction with the table, 0.6 to 1.0."""
     middles, drawn = np.array([0.15, 0.8]), []
     for env in (make("move-object"), make("move-object", perturbation={"variation": factor})):
         model, rows = env.unwrapped.model, []
         for seed in range(SEED, SEED + 10):
             env.reset(seed=seed)
-            rows.append([model.body("object").mass[0], model.geom("object").friction[0]])
+            rows.append([model.body("object").mass[0], model.geom("object_foot").friction[0]])
         drawn.append(rows - middles)
     assert np.ptp(drawn[0], axis=0).min() > 0.03
     np.testing.assert_allclose(drawn[1], factor * drawn[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["box-stacking", "cylinder-grasp"])
+def test_no_variation_makes_a_grip_better_than_soft_rubber(name: str) -> None:
+    env = make(name, perturbation={"variation": 4.0})
+    highest = []
+    for seed in range(SEED, SEED + 20):
+        env.reset(seed=seed)
+        highest.append(env.unwrapped.model.geom_friction[:, 0].max())
+    assert max(highest) == wam.MAX_FINGERTIP_FRICTION
 
 
 def test_the_wrench_is_noisy_and_biased_as_asked() -> None:

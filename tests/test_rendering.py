@@ -49,6 +49,15 @@ def test_the_first_back_end_that_works_is_taken(without_opengl, monkeypatch) -> 
     assert rendering.prepare() == "osmesa"
 
 
+def test_a_display_that_is_not_there_is_passed_over(without_opengl, monkeypatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.setattr(rendering.importlib, "reload", lambda module: module)
+    for working, chosen in (({"glfw", "egl"}, "glfw"), ({"egl"}, "egl")):
+        monkeypatch.setenv("MUJOCO_GL", "")
+        monkeypatch.setattr(rendering, "works", working.__contains__)
+        assert rendering.prepare() == chosen
+
+
 def test_without_opengl_the_user_learns_how_to_get_it(without_opengl, capsys, tmp_path) -> None:
     with pytest.raises(RenderingUnavailableError, match="libosmesa6"):
         rendering.prepare()

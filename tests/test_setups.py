@@ -73,15 +73,19 @@ def test_what_is_hidden_is_not_in_the_first_observation(env: Any) -> None:
         ({"yaw": np.nan}, "yaw nan"),
         ({"yaw": "north"}, "yaw 'north'"),
         ({"height": 1.0}, "'height' of"),
+        ({"height": 1.0, 3: 1.0}, "'3' of"),
     ],
 )
 def test_setups_that_cannot_be_are_refused(env: Any, change: dict[str, Any], message: str) -> None:
     env.reset(seed=34)
-    setup = env.setup()
+    setup, state = env.setup(), env.get_state()
     name = next(iter(setup))
-    with pytest.raises(InvalidSetupError, match=message):
-        env.reset(seed=35, options={"setup": {**setup, name: {**setup[name], **change}}})
+    for seed in (35, None):
+        with pytest.raises(InvalidSetupError, match=message):
+            env.reset(seed=seed, options={"setup": {**setup, name: {**setup[name], **change}}})
     assert env.setup() == setup
+    np.testing.assert_array_equal(env.get_state(), state)
+    assert env.np_random_seed == 34
     assert np.isfinite(env.step(np.zeros(env.action_space.shape))[1])
 
 

@@ -10,9 +10,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from lfd_gym.errors import InvalidActionError, InvalidArgumentError
+from lfd_gym.evaluation import check_fits
 from lfd_gym.registry import ENVIRONMENTS, dense_id, look_up, make
 from lfd_gym.rollout import TeacherPolicy, rollout
 from lfd_gym.view import View, environment_class
+from lfd_gym.view_policy import ViewPolicy
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from scripted_teachers import TEACHERS
 
@@ -51,6 +53,23 @@ def test_a_decision_lasts_a_tenth_of_a_second_whatever_the_control_rate() -> Non
         assert env.unwrapped.data.time - before == pytest.approx(0.1)
     with pytest.raises(InvalidArgumentError, match="ten decisions"):
         view("move-object", control_hz=25)
+
+
+@pytest.mark.parametrize("name", ["move-object", "whiteboard"])
+def test_an_agent_of_the_view_acts_below_it_as_in_it(name: str) -> None:
+    class Agent:
+        def predict(self, seen: np.ndarray, deterministic: bool) -> tuple[np.ndarray, None]:
+            assert deterministic
+            return np.cos(1e3 * seen[: env.action_space.shape[0]]), None
+
+    env, native, agent = view(name), make(name, terminate_on_success=False), Agent()
+    seen, _ = env.reset(seed=100000)
+    policy = ViewPolicy(agent, env.view)
+    check_fits(policy, native)
+    for i, step in zip(range(100), rollout(native, policy, 100000), strict=False):
+        if i % env.view.repeats == 0:
+            np.testing.assert_array_equal(env.view.flatten(step.observation), seen)
+            seen, *_ = env.step(agent.predict(seen, deterministic=True)[0])
 
 
 def test_views_without_a_seed_differ_and_wait_for_a_reset() -> None:

@@ -117,7 +117,7 @@ class BoxStackingEnv(ManipulationEnv):
         self._masses *= factors
         self._inertias *= factors[:, None]
         for friction in self._frictions:
-            friction[0] = self.between(rng, 0.6, 1.0)
+            friction[0] = min(self.between(rng, 0.6, 1.0), wam.MAX_FINGERTIP_FRICTION)
 
     def after_physics(self) -> None:
         """See which boxes the robot touches."""

@@ -149,7 +149,7 @@ class CylinderGraspEnv(ManipulationEnv):
         self._mass[0] = mass
         self._inertia[:] = mass * np.array([1.0, 1.0, 0.0]) * (3.0 * RADIUS**2 + length**2) / 12.0
         self._inertia[2] = 0.5 * mass * RADIUS**2
-        self._friction[:] = self.between(rng, 0.4, 1.0)
+        self._friction[:] = min(self.between(rng, 0.4, 1.0), wam.MAX_FINGERTIP_FRICTION)
 
     def place(self, setup: Mapping[str, Any]) -> None:
         """The cylinder stands or lies on the table."""

@@ -1,5 +1,6 @@
 """The base of all tasks: one robot, one controller, one clock; a task adds objects, a predicate and its rewards."""
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, cast
 
@@ -12,19 +13,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
-from lfd_gym.envs import setups
-from lfd_gym.errors import InvalidArgumentError, UnknownNameError, is_number
+from lfd_gym.envs import arguments, measured, setups
+from lfd_gym.envs.arguments import PHYSICS_HZ
+from lfd_gym.errors import InvalidArgumentError, InvalidSetupError, UnknownNameError
 from lfd_gym.perturbation import SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
 Array = NDArray[np.float64]
 
-PHYSICS_HZ = 500
 HOLD_TIME = 1.0
 """Success must hold this long [s]."""
-REWARD_TYPES = ("sparse", "dense")
+TIPS_FIRST = 2
+"""Contact priority with which the fingertips' friction counts, whatever they touch."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-_FRAME_LOW, _FRAME_HIGH = np.array([-5.0] * 3 + [-1.0] * 4), np.array([5.0] * 3 + [1.0] * 4)
 
 
 class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPickle):
@@ -53,13 +54,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         reward_type: "sparse" or "dense".
         control_hz: decisions per second; divides the physics rate of 500 Hz.
         terminate_on_success: end the episode when success has held for a second.
-        fingertip_friction: sliding friction of the fingertips, at most 1.2.
+        fingertip_friction: sliding friction between the fingertips and all that they touch, at most 1.2. None: 1.0, or the
+            object's own friction where it varies in a grasp (BoxStacking, CylinderGrasp).
         perturbation: strengths of what goes wrong, names and units as in `lfd_gym.perturbation.Perturbation`.
         render_mode: None, "rgb_array" or "human".
         width, height: of rendered frames [px].
         camera: name of a camera of the scene.
 
-    A copied or pickled environment is a new one with the same arguments; `get_state` and `set_state` carry over the rest.
+    A copied or pickled environment is a new one with the same arguments; `get_state` and `set_state` carry over the rest. A
+    subclass with a constructor of its own tells its arguments: `EzPickle.__init__(self, ...)` after `super().__init__(...)`.
 
     Raises:
         InvalidArgumentError: an argument lies outside what is possible.
@@ -100,7 +103,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         reward_type: str = "sparse",
         control_hz: float = 50.0,
         terminate_on_success: bool = True,
-        fingertip_friction: float = 1.0,
+        fingertip_friction: float | None = None,
         perturbation: Mapping[str, float] | None = None,
         render_mode: str | None = None,
         width: int = 640,
@@ -109,21 +112,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     ) -> None:
         given = (reward_type, control_hz, terminate_on_success, fingertip_friction, perturbation, render_mode)
         EzPickle.__init__(self, *given, width, height, camera)
-        if reward_type not in REWARD_TYPES:
-            raise InvalidArgumentError(f"reward_type '{reward_type}'; possible: {', '.join(REWARD_TYPES)}")
-        if not is_number(control_hz) or not control_hz >= 1 or PHYSICS_HZ % control_hz:
-            raise InvalidArgumentError(
-                f"control_hz {control_hz!r} does not divide {PHYSICS_HZ}; for example 50, 25 or 10 do"
-            )
+        arguments.check(reward_type, control_hz, terminate_on_success, fingertip_friction, (width, height))
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: rgb_array, human")
-        if not is_number(fingertip_friction) or not 0.0 < fingertip_friction <= wam.MAX_FINGERTIP_FRICTION:
-            raise InvalidArgumentError(f"fingertip_friction {fingertip_friction!r}; possible: above 0, up to 1.2")
-        if not isinstance(terminate_on_success, bool | np.bool_):
-            raise InvalidArgumentError(f"terminate_on_success {terminate_on_success!r}; possible: true, false")
-        for name, size in (("width", width), ("height", height)):
-            if not isinstance(size, int | np.integer) or size < 1:
-                raise InvalidArgumentError(f"{name} {size!r}; it must be a whole number of pixels, 1 or more")
         self.reward_type, self.terminate_on_success = reward_type, terminate_on_success
         self.render_mode, self._size, self._camera = render_mode, (height, width), camera
         self.action_layout = self.layout
@@ -141,8 +132,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
         self._tips = [i for i in range(self.model.ngeom) if self.model.geom(i).name.endswith("_tip")]
-        self._tip_friction = fingertip_friction
-        self.model.geom_friction[self._tips, 0] = fingertip_friction
+        if fingertip_friction is not None:
+            self._set_tips(fingertip_friction, TIPS_FIRST)
+        self._tip_contact = self.model.geom_friction[self._tips, 0], self.model.geom_priority[self._tips]
         self._pushed = [self.model.body(name).id for name in self.movable]
         self.robot = Robot(self.model, self.data, self.tool, self.layout, self.frames, self.stiffness)
         self._randomised: list[Array] = []
@@ -216,13 +208,17 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         Raises:
             InvalidSetupError: an object is unknown, out of reach, or overlaps another; the episode before goes on.
         """
-        super().reset(seed=seed)
         unknown = set(options or ()) - {"setup"}
         if unknown:
-            raise InvalidArgumentError(f"reset option '{sorted(unknown)[0]}' is unknown; possible: setup")
-        wanted = (options or {}).get("setup")
-        rng = self.np_random
-        self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
+            raise InvalidArgumentError(f"reset option {min(map(repr, unknown))} is unknown; possible: setup")
+        before = copy.deepcopy(self._np_random), self._np_random_seed
+        super().reset(seed=seed)
+        wanted, rng = (options or {}).get("setup"), self.np_random
+        try:
+            self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
+        except InvalidSetupError:
+            self._np_random, self._np_random_seed = before
+            raise
         mujoco.mj_resetData(self.model, self.data)
         self._restore_nominal()
         self._hidden[:] = 0.0
@@ -306,6 +302,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
 
     # state
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or a pickle is made of: the arguments, and how Gymnasium made it."""
+        return {**EzPickle.__getstate__(self), "spec": self.spec}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Make a new environment of them."""
+        EzPickle.__setstate__(self, state)
+        self.spec = state["spec"]
+
     def setup(self) -> dict[str, Any]:
         """Where the objects stood at the last reset, in the form that `options={"setup": ...}` takes."""
         return {name: dict(pose) for name, pose in self._setup.items()}
@@ -353,6 +358,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.data.sensordata[:] = sensors
         self.robot.set_state(robot)
         self._hidden[:], self._held = hidden, float(held[0])
+        self._broken = not np.isfinite(physics).all()
         self.after_physics()
         random_state.unpack(self.np_random, rng)
 
@@ -374,29 +380,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
             view[...] = values
 
     def _build_spaces(self) -> None:
-        joints = self.model.jnt_range[: wam.N_JOINTS]
-        seven, three = np.full(7, 20.0), np.full(3, 5.0)
-        twist = np.array([10.0] * 3 + [40.0] * 3)
-        wrench = np.array([2000.0] * 3 + [500.0] * 3)
-        unit = np.ones(4)
-        bounds: dict[str, tuple[Array, Array]] = {
-            "joint_position": (joints[:, 0] - 0.2, joints[:, 1] + 0.2),
-            "joint_velocity": (-seven, seven),
-            "tool_position": (-three, three),
-            "tool_quaternion": (-unit, unit),
-            "tool_velocity": (-twist, twist),
-            "reference_position": (-three, three),
-            "reference_quaternion": (-unit, unit),
-            "reference_velocity": (-twist, twist),
-            "wrench": (-wrench, wrench),
-        }
-        if self.tool == "hand":
-            bounds["hand_position"] = (np.array(wam.HAND_LOW) - 0.2, np.array(wam.HAND_HIGH) + 0.2)
-            bounds["hand_torque"] = (-5.0 * unit, 5.0 * unit)
-        for name in self.frames:
-            bounds[f"frame_{name}"] = (_FRAME_LOW, _FRAME_HIGH)
-        for name, (low, high) in self.features.items():
-            bounds[name] = (np.array(low, dtype=np.float64), np.array(high, dtype=np.float64))
+        bounds = measured.bounds(self.model.jnt_range, self.tool, self.frames, self.features)
         self._low = np.concatenate([low for low, _ in bounds.values()])
         self._high = np.concatenate([high for _, high in bounds.values()])
         ends = np.cumsum([low.size for low, _ in bounds.values()])
@@ -431,9 +415,12 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.robot.push(arm)
         if self._pushed:
             self.data.xfrc_applied[self._pushed[0], :3] = thing
-        slips = schedule.slips(time)
-        self.model.geom_friction[self._tips, 0] = SLIPPERY if slips else self._tip_friction
-        self.model.geom_priority[self._tips] = 2 if slips else 0
+        self._set_tips(*((SLIPPERY, TIPS_FIRST) if schedule.slips(time) else self._tip_contact))
+
+    def _set_tips(self, friction: ArrayLike, priority: ArrayLike) -> None:
+        """Friction of the fingertips; it acts where nothing that they touch has a higher priority or, with equal, more."""
+        self.model.geom_friction[self._tips, 0] = friction
+        self.model.geom_priority[self._tips] = priority
 
     def _reward(self, success: bool) -> float:
         if success or self.reward_type == "sparse" or self._broken:

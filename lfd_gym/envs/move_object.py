@@ -31,7 +31,7 @@ class MoveObjectEnv(ManipulationEnv):
     |---|---|
     | frames | `object` (its centre), `target` (on the table) |
     | start | object and target anywhere in 25 x 50 cm, any yaw, at least 15 cm apart |
-    | varies, hidden | mass of the object 0.1-0.2 kg, friction 0.6-1.0 |
+    | varies, hidden | mass of the object 0.1-0.2 kg, its friction with the table 0.6-1.0 |
     | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away |
     | subtasks | `grasped` (lifted by 2 cm), `at_target`, `released` (there) |
     | dense reward | reach 0.1, grip 0.1, bring to the target 0.3, let stand 0.1, release 0.15, withdraw 0.2 |
@@ -68,7 +68,7 @@ class MoveObjectEnv(ManipulationEnv):
         self._is_object = model.geom_bodyid == body
         self._untouched = True
         self._mass, self._inertia = model.body_mass[body : body + 1], model.body_inertia[body]
-        self._friction = model.geom_friction[model.geom("object").id, 0:1]
+        self._friction = model.geom_friction[model.geom("object_foot").id, 0:1]
         self.vary(self._mass, self._inertia, self._friction)
         self._moves = (model.body_weldid[model.geom_bodyid] != 0) & (model.geom_bodyid != body)
         owners = [model.body(i).name for i in model.geom_bodyid]
@@ -96,7 +96,7 @@ class MoveObjectEnv(ManipulationEnv):
         self.data.mocap_quat[0] = setups.upright(setup["target"]["yaw"])
 
     def randomise(self, rng: np.random.Generator) -> None:
-        """Mass (with its inertia) and friction of the object."""
+        """Mass (with its inertia) of the object, its friction with the table."""
         factor = self.between(rng, 0.1, 0.2) / self._mass[0]
         self._mass *= factor
         self._inertia *= factor

@@ -37,7 +37,7 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
             raise InvalidSetupError(f"no object '{name}' in the setup; possible: {', '.join(fresh)}")
         unknown = set(pose) - set(fresh[name]) if isinstance(pose, Mapping) else {repr(pose)}
         if unknown:
-            raise InvalidSetupError(f"'{sorted(unknown)[0]}' of '{name}'; possible: {', '.join(fresh[name])}")
+            raise InvalidSetupError(f"'{min(map(str, unknown))}' of '{name}'; possible: {', '.join(fresh[name])}")
         for key, value in pose.items():
             if isinstance(fresh[name][key], float) and not _is_finite(value):
                 raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a finite number")

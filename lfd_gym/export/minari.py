@@ -72,13 +72,14 @@ def _below(root: str) -> Iterator[None]:
 
 def _episode(minari: Any, i: int, demonstration: Demonstration) -> Any:
     ends = np.arange(1, len(demonstration) + 1) == len(demonstration)
+    terminated = demonstration.success and demonstration.env_kwargs.get("terminate_on_success", True)
     return minari.data_collector.EpisodeBuffer(
         id=i,
         seed=demonstration.seed["reset"],
         observations=dict(demonstration.observations),
         actions=demonstration.actions,
         rewards=demonstration.rewards.tolist(),
-        terminations=(ends & demonstration.success).tolist(),
-        truncations=(ends & (not demonstration.success)).tolist(),
+        terminations=(ends & terminated).tolist(),
+        truncations=(ends & (not terminated)).tolist(),
         infos={"label": np.concatenate([[NO_LABEL], demonstration.labels]), "state": demonstration.states},
     )
