@@ -18,6 +18,8 @@ from policies.sequence_graph_drawing import COLOURS
 
 Row = Mapping[str, Any]
 SCHEMA = "lfd_gym.comparison/1"
+MARKS = "sod^v<>p*X"
+"""Of methods, hollow, so that none hides another."""
 
 
 class Paired(NamedTuple):
@@ -128,8 +130,8 @@ def learning_curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], 
 def draw(rows: Sequence[Row], folder: Path) -> None:
     """`<task>.png`: success over simulated hours and over wall-clock.
 
-    A curve is of the 20 development setups that a training looks at, all trainings of a method together; a point is one
-    trained policy on the setups of the comparison, and a dashed line a policy that was not taught.
+    A curve, with its 95 % interval, is of the 20 development setups that a training looks at, all trainings of a method
+    together; a point is one trained policy on the setups of the comparison, and a dashed line a policy that was not taught.
     """
     for env_id, methods in grouped(rows).items():
         figure, axes = panels(2, width=6.5)
@@ -147,7 +149,8 @@ def draw(rows: Sequence[Row], folder: Path) -> None:
                     curve(panel, x, 100.0 * successes / n, low, high, colour, f"{method}, while it trained")
                 spent = [row["facts"][key] for row in own]
                 rates = [100.0 * row["report"]["success_rate"] for row in own]
-                panel.plot(spent, rates, "sD"[i // len(COLOURS) % 2], color=COLOURS[colour], alpha=0.7, label=method)
+                mark = MARKS[i % len(MARKS)]
+                panel.plot(spent, rates, mark, color=COLOURS[colour], mfc="none", ms=7, mew=1.4, label=method)
             for i, method in enumerate(untaught):
                 rate = 100.0 * by_setup(methods[method]).mean()
                 panel.axhline(rate, linestyle=("--", ":")[i % 2], color=GOAL, linewidth=1.2, label=method)

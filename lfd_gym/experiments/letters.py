@@ -28,6 +28,8 @@ N_POINTS, DT = 100, 0.02
 N_SUPPORT, N_GAUSSIANS = 20, 15
 """As in the thesis."""
 OWN_DRAWINGS = 10
+OWN = f"our own alphabet, each drawn {OWN_DRAWINGS} times at random"
+"""What is drawn where no file is given."""
 
 
 def drawings(data: str | None, alphabet: str) -> dict[str, Array]:

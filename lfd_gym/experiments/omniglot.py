@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lfd_gym.experiments.figures import save
-from lfd_gym.experiments.letters import MODELS, drawings
+from lfd_gym.experiments.letters import MODELS, OWN, drawings
 from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.omniglot import HOW_TO_GET
 from lfd_gym.progress import track
@@ -43,7 +43,7 @@ def run(out: Path, quick: bool, jobs: int, data: str | None = None, alphabet: st
     most = sorted(letters, key=lambda letter: -len(letters[letter]))[:DRAWN_LETTERS]
     _draw(rows.folder / "omniglot.png", {letter: letters[letter] for letter in most})
     count = f"{len(letters)} characters, {sum(map(len, letters.values()))} drawings in one stroke"
-    source = f"Our own alphabet (for the data set: {HOW_TO_GET}, then --set data=FILE)" if data is None else alphabet
+    source = f"{OWN} (for the data set: {HOW_TO_GET}, then --set data=FILE)" if data is None else alphabet
     return (
         f"{source}: {count}. Mean squared error; differences are paired by character, with 95 % intervals.\n\n"
         + _table(results)
@@ -98,12 +98,13 @@ def _draw(path: Path, letters: Mapping[str, Array]) -> None:
             model = fit(drawn)
             paths = np.array([model(x) for x in drawn])
             upper.plot(*paths.mean(axis=0).T, color=COLOURS[i], label=name)
-            if name != "MoA-S":
-                lower.plot(((paths - drawn) ** 2).sum(axis=2).mean(axis=0), color=COLOURS[i])
+            lower.plot(((paths - drawn) ** 2).sum(axis=2).mean(axis=0), color=COLOURS[i])
+        lower.set_yscale("log")
+        lower.set_ylim(bottom=1.0)
         upper.set_title(letter, fontsize=9)
         upper.set_aspect("equal")
         upper.set(xticks=[], yticks=[])
         lower.set_xlabel("time step")
-    grid[0, 0].legend(fontsize=7)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), fontsize=8, ncols=len(MODELS), loc="outside lower center")
     grid[1, 0].set_ylabel("mean squared error")
     save(figure, path)

@@ -34,8 +34,8 @@ def run(out: Path, quick: bool, jobs: int) -> str:
         bars(panel, [name.replace("_", " ") for name in parts], series)
         panel.set_title(kebab_case(env_id), fontsize=9)
         panel.set_ylabel("setups [%]")
-        panel.set_ylim(0.0, 130.0)
-    axes[-1].legend(fontsize=8, ncols=len(TEACHING_SEEDS), loc="upper center")
+    handles = axes[-1].get_legend_handles_labels()
+    figure.legend(*handles, fontsize=8, ncols=len(TEACHING_SEEDS), loc="outside lower center")
     save(figure, rows.folder / "one-demonstration.png")
     return markdown(["task", "teaching seed", "success %", "failed before"], table)
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lfd_gym.experiments.figures import save
-from lfd_gym.experiments.letters import MODELS, drawings
+from lfd_gym.experiments.letters import MODELS, OWN, drawings
 from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.report.figures import STYLE
 from policies.sequence_graph_drawing import COLOURS
@@ -39,7 +39,8 @@ def run(out: Path, quick: bool, jobs: int, data: str | None = None, alphabet: st
     for name in NAMES:
         values = np.array([row[name] for row in found.values()])
         table.append([name, *(f"{value:.3f}" for value in (np.median(values), values.min(), values.max()))])
-    return markdown(["model", "size over demonstrated size, median", "least", "largest"], table)
+    header = ["model", "size over demonstrated size, median", "least", "largest"]
+    return f"{len(found)} letters, {OWN if data is None else alphabet}.\n\n{markdown(header, table)}"
 
 
 def _closed(drawn: np.ndarray, name: str) -> np.ndarray:
@@ -61,8 +62,8 @@ def _draw(path: Path, letters: dict[str, np.ndarray]) -> None:
         for x in drawn:
             panel.plot(*x.T, color="0.85", linewidth=0.8)
         for i, name in enumerate(NAMES):
-            panel.plot(*_closed(drawn, name).T, color=COLOURS[i], label=name)
+            panel.plot(*_closed(drawn, name).T, color=COLOURS[i], label=name, marker="o", markersize=4, markevery=[-1])
         panel.set(xticks=[], yticks=[], title=letter)
         panel.set_aspect("equal")
-    axes[0].legend(fontsize=7)
+    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, ncols=len(NAMES), loc="outside lower center")
     save(figure, path)

@@ -40,13 +40,13 @@ def run(out: Path, quick: bool, jobs: int) -> str:
         for size in sorted({len(row["subset"]) for row in subsets}):
             own = [row for row in subsets if len(row["subset"]) == size]
             sparsity, error = (np.array([row[key] for row in own]) for key in ("sparsity", "error"))
-            cells = [f"{sparsity.mean():.3f} ({sparsity.min():.3f})", f"{100 * np.mean(sparsity >= SPARSE):.0f}"]
+            cells = [f"{np.median(sparsity):.3f} ({sparsity.min():.3f})", f"{100 * np.mean(sparsity >= SPARSE):.0f}"]
             table.append([name, str(size), str(len(own)), *cells, f"{np.median(error):.1f} ({error.max():.1f})"])
     seconds = {name: sum(row["seconds"] for row in subsets) for name, subsets in found.items()}
-    header = ["criterion", "demonstrations", "subsets", "J_sparsity (least)", f"at least {SPARSE} [%]"]
+    header = ["criterion", "demonstrations", "subsets", "J_sparsity, median (least)", f"at least {SPARSE} [%]"]
     took = ", ".join(f"{name} {total:.0f} s" for name, total in seconds.items())
     return (
-        markdown([*header, "error on unseen boards [mm] (largest)"], table)
+        markdown([*header, "error on unseen boards [mm], median (largest)"], table)
         + f"\n\nCPU time of all fits together: {took}."
     )
 
@@ -89,9 +89,9 @@ def _draw(path: Path, found: dict[str, Sequence[dict[str, Any]]]) -> None:
             values = np.array([row[key] for row in subsets])
             panel.plot(sizes + 0.1 * (i - 0.5), values, ".", color=COLOURS[i], markersize=4)
             each = np.unique(sizes)
-            panel.plot(each, [values[sizes == n].mean() for n in each], color=COLOURS[i], label=name)
+            panel.plot(each, [np.median(values[sizes == n]) for n in each], color=COLOURS[i], label=name)
         panel.set_xlabel("demonstrations")
-        panel.set_ylabel(label)
+        panel.set_ylabel(f"{label}, lines: median")
     axes[0].axhline(SPARSE, color="0.5", linestyle="--", linewidth=0.8)
     axes[1].set_yscale("log")
     axes[1].legend(fontsize=8)

@@ -45,9 +45,9 @@ def run(out: Path, quick: bool, jobs: int) -> str:
     figure, (left, right) = panels(2)
     for i, (x, frame) in enumerate(scenes):
         left.plot(*x.T, color=COLOURS[i], label=f"demonstration {i + 1}")
-        left.plot(*model.predict(frame, x[0], x[1]).T, "k--", linewidth=0.8)
-        left.plot(*frame.origins.T, "x", color=COLOURS[i])
-    left.set_aspect("equal")
+        left.plot(*model.predict(frame, x[0], x[1]).T, "k--", linewidth=0.8, label=None if i else "MoA")
+        left.plot(*frame.origins.T, "x", color=COLOURS[i], label=f"its frames {i + 1}")
+    left.set(aspect="equal", xlabel="x", ylabel="y")
     left.legend(fontsize=8)
     time = DT * np.arange(N_STEPS)
     for f in range(2):

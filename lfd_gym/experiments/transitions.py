@@ -117,6 +117,5 @@ def _draw(path: Path, summaries: Mapping[str, Sequence[Summary]]) -> None:
     right.set_ylabel("success of the whole task [%]")
     for axes in (left, right):
         axes.set_xlabel("demonstrations")
-        axes.set_ylim(0.0, 125.0)
-    right.legend(fontsize=8, ncols=len(summaries), loc="upper center")
+    figure.legend(*right.get_legend_handles_labels(), fontsize=8, ncols=len(summaries), loc="outside lower center")
     save(figure, path)

@@ -147,7 +147,7 @@ def _cells(written: Sequence[Sequence[dict[str, Any]]]) -> list[str]:
 
 
 def _draw(path: Path, pictures: dict[str, Sequence[tuple[str, Sequence[Sequence[float]]]]]) -> None:
-    """The boards of the first setup: a column for every method, the wanted strokes pale."""
+    """The boards of the first setup: a column for every method, taught by the first seed, the wanted strokes pale."""
     n_boards = len(next(iter(pictures.values())))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(2.6 * len(pictures), 1.9 * n_boards), layout="constrained")
@@ -161,4 +161,5 @@ def _draw(path: Path, pictures: dict[str, Sequence[tuple[str, Sequence[Sequence[
                 axes.plot(*np.transpose(points), ".", color=GOAL, markersize=2)
             axes.set(xlim=(-HALF_SIZE[0], HALF_SIZE[0]), ylim=(-HALF_SIZE[1], HALF_SIZE[1]), xticks=[], yticks=[])
             axes.set_aspect("equal")
+    figure.suptitle(f"one setup, skills of teaching seed {TEACHING_SEEDS[0]}", fontsize=9)
     save(figure, path)
