@@ -70,6 +70,18 @@ class View:
         return cls(env_id, tuple(world.controls), tuple(world.frames), layout, opened, closed, float(dt))
 
     @property
+    def observations(self) -> tuple[str, ...]:
+        """Names of the observations that `flatten` reads."""
+        hand = ("hand_position", "hand_torque") if self.layout.hand_low.size else ()
+        arm = ("tool_position", "tool_quaternion", "tool_velocity", "reference_position", "wrench")
+        return (*arm, *hand, *(f"frame_{name}" for name in self.frames))
+
+    @property
+    def size(self) -> int:
+        """Length of the flat observation."""
+        return 20 + 2 * self.layout.hand_low.size + 7 * len(self.frames)
+
+    @property
     def repeats(self) -> int:
         """Control steps per decision."""
         return round(DECISION_TIME / self.dt)

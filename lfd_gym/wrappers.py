@@ -48,8 +48,12 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
         self.view = View.of(env)
         self._latest: dict[str, NDArray[np.float64]] = {}
         self.action_space = Box(-1.0, 1.0, (len(self.view.controls),), np.float32)
-        nothing = {name: np.zeros(space.shape) for name, space in world.observation_space.items()}
-        self.observation_space = Box(-BOUND, BOUND, self.view.flatten(nothing).shape, np.float32)
+        seen = getattr(env.observation_space, "spaces", {})
+        if missing := [name for name in self.view.observations if name not in seen]:
+            raise InvalidArgumentError(
+                f"the RL view needs the environment's own observation; '{missing[0]}' is not in it"
+            )
+        self.observation_space = Box(-BOUND, BOUND, (self.view.size,), np.float32)
         self.metadata = {**self.metadata, "render_fps": round(1.0 / (self.view.repeats * self.view.dt))}
 
     def reset(self, **kwargs: Any) -> tuple[NDArray[np.float32], dict[str, Any]]:

@@ -3,6 +3,7 @@
 Shapes are words with one letter per axis: a digit is a size, equal letters are equal sizes.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 
 from lfd_gym.action import ActionLayout
 from lfd_gym.errors import is_number
+from lfd_gym.view import DECISION_TIME, View
 from policies.decisions import DECISIONS
 from policies.features import N_COORDINATES
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
+from policies.reinforcement.network import Network
 
 ROW_SHAPES = {
     "position_frame": (), "orientation_frame": (), "space": (), "modes": (N_COORDINATES,), "shared": (3,), "mean": (4,),
@@ -114,6 +117,27 @@ def check_path(
         _check_index(path["frame"], 0, n_frames, "frame")
         _check_starts(path["start"][:-1], len(path["frame"]), steps)
         _check(path["start"][-1] == steps, "start")
+
+
+def check_network(network: Network, n_inputs: int, n_outputs: int) -> None:
+    """Raise ValueError unless a network of finite numbers leads from so many inputs to so many outputs."""
+    size = n_inputs
+    for name in ("mean", "scale"):
+        _check(getattr(network, name).shape == (n_inputs,), f"network_{name}")
+    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        _check(weight.ndim == 2 and weight.shape[1] == size and bias.shape == weight.shape[:1], f"network_weight{i}")
+        size = weight.shape[0]
+    _check(size == n_outputs, "network")
+    arrays = (network.mean, network.scale, *network.weights, *network.biases)
+    _check(all(np.isfinite(array).all() for array in arrays) and bool((network.scale > 0.0).all()), "network")
+
+
+def check_view(view: View) -> None:
+    """Raise ValueError for a view with a layout, a control step or controls that cannot be."""
+    _check_layout(view.layout, view.dt)
+    _check(view.repeats > 0 and math.isclose(view.repeats * view.dt, DECISION_TIME), "dt")
+    _check(bool(view.controls) and all(isinstance(name, str) for name in (*view.controls, *view.frames)), "controls")
+    _check(len(view.hand_open) == len(view.hand_closed) == 4, "hand_open")
 
 
 def _check_layout(layout: ActionLayout, dt: Any) -> None:

@@ -59,6 +59,12 @@ class DecompositionLearner(Learner):
         decompose = method_named(self.method)
         check_demonstrations(demonstrations)
         self.decomposition_ = decompose(demonstrations)
+        if ambiguous := self.decomposition_.ambiguous:
+            warnings.warn(
+                f"the demonstrations do not tell the frame of {', '.join(ambiguous)}; show the task with the objects elsewhere",
+                DecompositionWarning,
+                stacklevel=3,
+            )
         labels, primitives = labelled(demonstrations, self.decomposition_)
         for i, own in enumerate(labels):
             if (own == own[0]).all():
@@ -75,5 +81,15 @@ class DecompositionLearner(Learner):
             )
         taught = [dataclasses.replace(demonstrations[m], labels=labels[m], primitives=primitives) for m in kept]
         skill = learner.fit(taught).skill_
-        skill.taught_seeds = tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations)
-        return skill
+        values, arrays = skill.to_arrays()
+        return type(skill).from_arrays(
+            values,
+            arrays,
+            env_id=skill.env_id,
+            taught_seeds=tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations),
+            metadata={
+                **skill.metadata,
+                "learner": f"decomposition, {self.method}, {skill.metadata['learner']}",
+                "parameters": self.get_params(),
+            },
+        )

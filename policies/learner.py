@@ -1,5 +1,6 @@
 """What a learner is: a scikit-learn estimator that turns demonstrations into a skill."""
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Self
@@ -48,6 +49,12 @@ class Learner(BaseEstimator, ABC):
         _check_alike(demonstrations, self.needs_labels)
         for i, demonstration in enumerate(demonstrations):
             self._check_one(f"demonstration {i}", demonstration)
+        failed = [str(i) for i, demonstration in enumerate(demonstrations) if not demonstration.success]
+        if failed:
+            warnings.warn(
+                f"the task was not solved in demonstration {', '.join(failed)}: what is learned may fail as well",
+                stacklevel=2,
+            )
         self.skill_ = self.learn(demonstrations)
         return self
 

@@ -4,7 +4,7 @@ Frames and controlled variables are given by the primitive table (2.1.2); goals 
 measured, entity by entity, in the frame of each.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -101,6 +101,15 @@ def learn_primitives(
         k: [trajectory(Measurement(*(a[at] for a in measurements[m])), table, k, mean[k]) for m, at in own]
         for k, own in shown.items()
     }
+    for x in (x for own in paths.values() for x in own):
+        _unwrap_rotation(x[:, ORIENTATION])
+    broken_off = {
+        k: [
+            at.stop > len(demonstrations[m]) and _breaks_off(x, DEAD_BAND[table.space[k]], dt)
+            for (m, at), x in zip(own, paths[k], strict=True)
+        ]
+        for k, own in shown.items()
+    }
     for k, own in shown.items():
         paces = np.median([_pace(measurements[m].position[at], dt) for m, at in own], axis=0)
         speed[k], acceleration[k] = np.maximum(paces, (SLOWEST, GENTLEST))
@@ -109,17 +118,40 @@ def learn_primitives(
             goal[k, 0] = np.median([x[-1, 0] for x in paths[k]])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
             rows = [k] if i >= HAND.start else table.alike(k, int(i), shown)
-            places = [np.array([x[-1, i] for x in paths[j]]) for j in rows]
-            _check_shared(names, rows, places, _apart(table, goal, k, int(i)))
-            goal[k, i] = _goal([[x[:, i] for x in paths[j]] for j in rows], time, DEAD_BAND[table.space[k], i], dt)
+            dead_band = DEAD_BAND[table.space[k], i]
+            begun = _begun({j: [x[:, i] for x in paths[j]] for j in rows}, broken_off, dead_band)
+            _check_shared(names, begun, _apart(table, goal, k, int(i)))
+            goal[k, i] = _goal(list(begun.values()), time, dead_band, dt)
         if "hand_torque" in demonstrations[0].observations:
             torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own])
-            presses = np.mean(np.abs(torque) > PRESSES, axis=0) >= PRESSED_SHARE
-            grip[k] = GRIP * np.sign(np.median(torque, axis=0)) * presses * (table.modes[k, HAND] == CONTROLLED)
+            presses = np.abs(torque) > PRESSES
+            sign = np.sign((torque * presses).sum(axis=0)) * (presses.mean(axis=0) >= PRESSED_SHARE)
+            grip[k] = GRIP * sign * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
             forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for m, at in own]
             force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for x in paths[k]])
     return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed, acceleration)
+
+
+def _breaks_off(x: Array, dead_band: Array, dt: float) -> bool:
+    """Whether a path (N, N_COORDINATES) ends before it moves, or at more than half of its greatest speed."""
+    n = min(round(REST_TIME / dt), len(x) - 1)
+    speed = (np.abs(x[n:] - x[:-n]) / dead_band).max(axis=1)
+    return bool((np.ptp(x, axis=0) <= dead_band).all() or speed[-1] > 0.5 * speed.max())
+
+
+def _begun(
+    shown: dict[int, list[Array]], broken_off: Mapping[int, Sequence[bool]], dead_band: float
+) -> dict[int, list[Array]]:
+    """Segments (N,) of one coordinate without those that broke off before they moved along it, unless all did.
+
+    Where such a segment stands is where the movement before it ended, and no goal.
+    """
+    begun = {
+        k: [x for x, off in zip(own, broken_off[k], strict=True) if not off or np.ptp(x) > dead_band]
+        for k, own in shown.items()
+    }
+    return {k: own for k, own in begun.items() if own} or shown
 
 
 def _goal(groups: Sequence[Sequence[Array]], time: NormalisedTime, dead_band: float, dt: float) -> float:
@@ -137,8 +169,8 @@ def _apart(table: PrimitiveTable, goal: Array, k: int, i: int) -> float:
     return float(apart[i])
 
 
-def _check_shared(names: Sequence[str], rows: Sequence[int], ends: Sequence[Array], apart: float) -> None:
-    middle = [float(np.median(own)) for own in ends]
+def _check_shared(names: Sequence[str], shown: Mapping[int, Sequence[Array]], apart: float) -> None:
+    rows, middle = list(shown), [float(np.median([x[-1] for x in own])) for own in shown.values()]
     for row, end in zip(rows[1:], middle[1:], strict=True):
         if abs(end - middle[0]) > apart:
             raise DemonstrationError(
@@ -175,6 +207,18 @@ def _unwrap(paths: Sequence[Array]) -> None:
     middle = np.angle(np.mean([np.exp(1j * x[-1, 1]) for x in paths]))
     for x in paths:
         x[:, 1] -= 2.0 * np.pi * np.round((x[-1, 1] - middle) / (2.0 * np.pi))
+
+
+def _unwrap_rotation(vectors: Array) -> None:
+    """Make rotation vectors (N, 3) continuous, back from the last one: a turn of more than half a turn does not jump."""
+    if (np.abs(np.diff(vectors, axis=0)) < 1.0).all():
+        return
+    for t in range(len(vectors) - 2, -1, -1):
+        angle = float(np.linalg.norm(vectors[t]))
+        if angle > 0.0:
+            axis = vectors[t] / angle
+            turns = np.round((vectors[t + 1] @ axis - angle) / (2.0 * np.pi))
+            vectors[t] += 2.0 * np.pi * turns * axis
 
 
 def _pressed(demonstration: Demonstration, measured: Measurement, at: slice, table: PrimitiveTable, k: int) -> Array:

@@ -11,6 +11,7 @@ from sklearn.metrics import adjusted_rand_score
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
+from lfd_gym.evaluation import describe
 from policies import decomposition_learner
 from policies.decomposition.bayesian import decompose
 from policies.decomposition.changes import Visit, _carried, _places, changes, together
@@ -217,6 +218,18 @@ def test_the_skill_is_learned_from_demonstrations_that_agree(
         skill = DecompositionLearner().fit(four).skill_
     assert len(skill.taught_seeds) == len(four)
     assert sum(solve(skill, seed)[0] for seed in range(4)) >= 3
+
+
+def test_a_skill_says_how_its_primitives_were_found(shown: list[Demonstration]) -> None:
+    for method in ("bayesian", "end-point-hmm"):
+        skill = DecompositionLearner(method=method).fit(shown).skill_
+        assert describe(skill) == f"SequenceGraphSkill (decomposition, {method}, sequence-graph, global, rbf svm)"
+        assert skill.metadata["parameters"]["method"] == method
+
+
+def test_frames_that_are_a_guess_are_named(shown: list[Demonstration]) -> None:
+    with pytest.warns(DecompositionWarning, match=r"do not tell the frame of position \d+ \(\w+, \d+%\)"):
+        DecompositionLearner().fit(shown[:1])
 
 
 def test_what_presses_is_found(found: Decomposition) -> None:

@@ -138,6 +138,12 @@ def test_measurements_that_are_no_numbers_are_refused(method: str, taught: list[
             new(method).fit([*taught[1:], broken])
 
 
+def test_demonstrations_that_failed_are_named(method: str, taught: list[Demonstration]) -> None:
+    failed = dataclasses.replace(taught[1], success=False)
+    with pytest.warns(UserWarning, match="not solved in demonstration 1:"):
+        new(method).fit([taught[0], failed, taught[2]])
+
+
 def test_a_hand_that_was_not_measured_is_refused(method: str, taught: list[Demonstration]) -> None:
     blind = [
         dataclasses.replace(d, observations={k: v for k, v in d.observations.items() if k != "hand_position"})

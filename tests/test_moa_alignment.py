@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from moa_scenes import random_frames, turn
 
-from lfd_gym.errors import InvalidArgumentError
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from policies.moa.alignment import align, frame_distances, warp, warped
 from policies.moa.frames import Frames, resample
 from policies.moa.time_warping import warping_path
@@ -21,6 +21,11 @@ def test_distance_is_that_of_the_frame_in_which_points_are_nearest():
     a, b = rng.normal(size=(20, 3, 2)), rng.normal(size=(30, 3, 2))
     expected = np.array([[min(np.linalg.norm(x[k] - y[k]) for k in range(3)) for y in b] for x in a])
     np.testing.assert_allclose(frame_distances(a, b), expected, atol=1e-12)
+
+
+def test_paths_too_long_for_the_memory_are_refused():
+    with pytest.raises(DemonstrationError, match="lower control_hz"):
+        warp(np.broadcast_to(0.0, (20_000, 1, 3)), np.broadcast_to(0.0, (20_000, 1, 3)))
 
 
 def cheapest(cost):

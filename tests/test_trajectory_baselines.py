@@ -132,7 +132,7 @@ def test_many_gaussians_write_as_well_as_few(scenes):
 
 def test_var_dmp_finds_the_frames_and_draws_in_a_new_scene(scenes):
     local, (frames, wanted) = local_of(scenes), new_scene()
-    start, frame = segment_by_variance(local, 10)
+    start, frame = segment_by_variance(local, 10, 20)
     assert list(frame) == [0, 1, 0]
     path = fit_segments(local, start, frame, 5, goal_scaling=False, dt=DT).path(frames, HOME)
     assert np.linalg.norm(path - wanted, axis=1)[120:160].max() < 0.005
@@ -146,6 +146,15 @@ def test_a_segment_that_begins_elsewhere_is_back_on_its_path_however_long_it_is(
         away = dmp.path(Frames.world(2), path[0] + [0.1, 0.0]) - dmp.path(Frames.world(2), path[0])
         assert np.linalg.norm(away[round(0.5 / DT)]) < 0.02
         assert np.linalg.norm(away[round(1.0 / DT)]) < 1e-3
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.04, 0.1])
+def test_a_dmp_draws_the_same_path_in_steps_of_any_length(dt):
+    s = np.linspace(0.0, 1.0, round(4.0 / dt) + 1)
+    path = np.stack([s**3 * (10.0 - 15.0 * s + 6.0 * s**2), np.sin(np.pi * s) ** 2], axis=1)
+    whole = np.array([0, len(path)]), np.array([0])
+    dmp = fit_segments(path[None, :, None], *whole, max(round(0.15 / dt), 1), goal_scaling=False, dt=dt)
+    assert np.linalg.norm(dmp.path(Frames.world(2), path[0]) - path, axis=1).max() < 0.05
 
 
 def test_a_dmp_reproduces_one_demonstration_and_collapses_where_it_starts_at_its_goal():

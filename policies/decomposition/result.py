@@ -67,9 +67,14 @@ class Decomposition(NamedTuple):
     """Which method found it."""
 
     @property
-    def n_primitives(self) -> int:
-        """Number of primitives of all entities."""
-        return sum(len(found.primitives) for found in self.entities.values())
+    def ambiguous(self) -> list[str]:
+        """Primitives whose frame or space is less than `AMBIGUOUS` probable: "position 2 (box_red, 61 %)"."""
+        return [
+            f"{entity} {k} ({primitive.space.frame}, {primitive.confidence:.0%})"
+            for entity, found in self.entities.items()
+            for k, primitive in enumerate(found.primitives, start=1)
+            if primitive.confidence < AMBIGUOUS
+        ]
 
     def active(self, n_steps: Sequence[int]) -> list[dict[str, NDArray[np.int64]]]:
         """Per demonstration and entity the active primitive (T,) at every step."""

@@ -5,10 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lfd_gym.errors import DemonstrationError
 from policies.moa.frames import Frames, resample
 from policies.moa.time_warping import warping_path
 
 Array = NDArray[np.float64]
+
+MOST_PAIRS = 100_000_000
+"""Of steps, at 32 bytes each."""
 
 
 def frame_distances(local: Array, other: Array) -> Array:
@@ -24,8 +28,13 @@ def frame_distances(local: Array, other: Array) -> Array:
 def warp(reference: Array, other: Array) -> Array:
     """Fractional time steps (N,) of `other` (M, F, d) that match the steps of `reference` (N, F, d).
 
-    Monotone; first and last steps match. A step of the reference with several partners gets their mean.
+    Monotone; first and last steps match. A step of the reference with several partners gets their mean. Raises
+    DemonstrationError for more steps than fit into memory pair by pair.
     """
+    if len(reference) * len(other) > MOST_PAIRS:
+        raise DemonstrationError(
+            f"demonstrations of {len(reference)} and {len(other)} steps are too long to be aligned; use a lower control_hz"
+        )
     here, there = warping_path(frame_distances(reference, other)).T
     index = np.bincount(here, weights=there) / np.bincount(here)
     index[0], index[-1] = 0.0, len(other) - 1.0

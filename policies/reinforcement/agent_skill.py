@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.view import View
+from policies.consistency import check_network, check_view
 from policies.reinforcement.network import Network
 from policies.skill import Observation, Skill, State
 
@@ -59,5 +60,10 @@ class AgentSkill(Skill):
     @classmethod
     def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
         """The skill that `to_arrays` described."""
-        network = Network.from_arrays(header["network"], arrays)
-        return cls(network, View.from_dict(header["view"]), header["executed"], **facts)
+        network, view = Network.from_arrays(header["network"], arrays), View.from_dict(header["view"])
+        executed, chunk = header["executed"], len(network.biases[-1]) // len(view.controls)
+        check_view(view)
+        check_network(network, view.size, chunk * len(view.controls))
+        if not isinstance(executed, int) or not 1 <= executed <= chunk:
+            raise ValueError(f"{executed} of {chunk} decisions")
+        return cls(network, view, executed, **facts)

@@ -43,7 +43,9 @@ class BehaviourCloning(Learner):
         losses_: training loss of every update.
     """
 
-    needs = ("tool_position", "tool_quaternion", "reference_position", "reference_quaternion", "wrench")
+    needs = (
+        "tool_position", "tool_quaternion", "tool_velocity", "reference_position", "reference_quaternion", "wrench",
+    )  # fmt: skip
     reads = ("",)
     needs_labels = False
     reads_actions = True
@@ -79,6 +81,9 @@ class BehaviourCloning(Learner):
         if not 1 <= self.executed <= self.chunk:
             raise InvalidArgumentError(f"executed is {self.executed}; possible: 1 to chunk, {self.chunk}")
         view = view_of(demonstrations[0])
+        missing = [name for name in view.observations if name not in demonstrations[0].observations]
+        if missing:
+            raise DemonstrationError(f"the demonstrations have no observation '{missing[0]}', which this method needs")
         kept = [moving(d, view) if self.skips_pauses else np.full(len(d), True) for d in demonstrations]
         examples = [
             (flat_observations(d, view)[:-1][rows], decisions(d, view)[rows])
@@ -151,7 +156,7 @@ def _chunks(shown: NDArray[np.float64], chunk: int, every: int) -> NDArray[np.fl
     """The decisions (T, chunk * C) that begin at each step and at every later decision; the last one goes on."""
     last = len(shown) - 1
     steps = np.minimum(np.arange(len(shown))[:, None] + every * np.arange(chunk), last)
-    return shown[steps].reshape(len(shown), -1)
+    return shown[steps].reshape(len(shown), chunk * shown.shape[1])
 
 
 def _linear(n: int, m: int, generator: torch.Generator) -> nn.Linear:

@@ -14,6 +14,7 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
+from policies.consistency import check_network
 from policies.decisions import Decision, VotingDecision
 from policies.reinforcement.network import Network
 from policies.sequence_graph_skill import SequenceGraphSkill
@@ -100,7 +101,10 @@ class RefinedGraphSkill(SequenceGraphSkill):
     @classmethod
     def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
         """The skill that `to_arrays` described."""
-        return super().from_arrays(header, arrays, network=Network.from_arrays(header["network"], arrays), **facts)
+        network = Network.from_arrays(header["network"], arrays)
+        skill = super().from_arrays(header, arrays, network=network, **facts)
+        check_network(network, skill._inputs.n_nodes + skill._inputs.n_features, skill._inputs.n_classes)
+        return skill
 
 
 class _DirectedSkill(SequenceGraphSkill):

@@ -13,6 +13,7 @@ from lfd_gym.action import ActionLayout
 from lfd_gym.registry import load
 from lfd_gym.view import BOUND, View
 from policies import SKILLS
+from policies.consistency import check_network, check_view
 from policies.reinforcement.network import Network
 from policies.skill import Observation, Skill, State
 
@@ -82,7 +83,10 @@ class ResidualSkill(Skill):
         kind, values = header["base"]
         inner = {name.removeprefix("base_"): array for name, array in arrays.items() if name.startswith("base_")}
         base = load(SKILLS[kind]).from_arrays(values, inner, **facts)
-        return cls(base, Network.from_arrays(header["network"], arrays), View.from_dict(header["view"]), **facts)
+        network, view = Network.from_arrays(header["network"], arrays), View.from_dict(header["view"])
+        check_view(view)
+        check_network(network, view.size + view.layout.size, len(view.controls))
+        return cls(base, network, view, **facts)
 
 
 class ResidualView(gymnasium.Wrapper, RecordConstructorArgs):

@@ -1,5 +1,6 @@
 """Dynamic Movement Primitives (4.1)-(4.4), one for the whole path or one per segment (VAR-DMP, Ureche et al. 2015)."""
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -22,10 +23,12 @@ ALPHA, BETA = 25.0, 6.25
 demonstrated to, in another scene, is back on its path after half a second."""
 PHASE_DECAY = 4.0
 """Decay of the phase z' = -PHASE_DECAY z over a segment."""
-SMOOTHING = 7
-"""Steps over which accelerations are taken."""
-SHORTEST = 20
-"""Time steps of a segment at least."""
+SMOOTHING = 0.14
+"""Time over which accelerations are taken [s]."""
+SHORTEST = 0.4
+"""Of a segment [s]."""
+LONGEST_STEP = 0.5 / ALPHA
+"""Of the integration [s], beyond which it would not be stable."""
 
 
 class SegmentedDMP(NamedTuple):
@@ -50,6 +53,8 @@ class SegmentedDMP(NamedTuple):
     def path(self, frames: Frames, first: Array) -> Array:
         """(N, d) from rest; each segment begins where, and as fast as, the last one ended."""
         position, velocity = np.array(first, dtype=np.float64), np.zeros(len(first))
+        n_steps = math.ceil(float(self.dt) / LONGEST_STEP - 1e-9)
+        h = float(self.dt) / n_steps
         rows = np.empty((self.start[-1], len(first)))
         for (begin, end), f, place in zip(pairwise(self.start), self.frame, self.goal, strict=True):
             axes, n = frames.axes[f], int(end - begin)
@@ -59,8 +64,9 @@ class SegmentedDMP(NamedTuple):
             forces = phase(n)[:, None] * scale * self.forcing[begin:end]
             for i in range(n):
                 rows[begin + i] = frames.origins[f] + axes @ x
-                v = v + (ALPHA * (BETA * (goal - x) - v) + forces[i]) * self.dt
-                x = x + v * self.dt
+                for _ in range(n_steps):
+                    v = v + (ALPHA * (BETA * (goal - x) - v) + forces[i]) * h
+                    x = x + v * h
             position, velocity = frames.origins[f] + axes @ x, axes @ v
         return rows
 
@@ -82,7 +88,7 @@ def fit_segments(
     for (begin, end), f in zip(pairwise(start), frame, strict=True):
         paths = local[:, begin:end, f]
         n = paths.shape[1]
-        window = min(SMOOTHING, n - 1 + n % 2)
+        window = min(2 * max(round(0.5 * SMOOTHING / dt), 1) + 1, n - 1 + n % 2)
         velocity, acceleration = (
             savgol_filter(paths, window, min(3, window - 1), deriv=k, delta=dt, axis=1) for k in (1, 2)
         )
@@ -101,18 +107,18 @@ def fit_segments(
     return SegmentedDMP(start, frame, np.array(goals), np.concatenate(forcing), np.array(goal_scaling), np.array(dt))
 
 
-def segment_by_variance(local: Array, window: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def segment_by_variance(local: Array, window: int, shortest: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Starts (S + 1,) and frames (S,) of segments of aligned points in every frame (M, N, F, d), by Ureche et al. (2015).
 
     The frame of a step is the one in which the variance over the demonstrations, in a window around it and relative to that of
-    the whole demonstration in this frame, is least. Segments shorter than `SHORTEST` join the one before.
+    the whole demonstration in this frame, is least. Segments of fewer than `shortest` steps join the one before.
     """
     variance = local.var(axis=0).sum(axis=2)
     relative = uniform_filter1d(variance, window, axis=0) / local.var(axis=(0, 1)).sum(axis=1)
     frame = relative.argmin(axis=1)
     start = [0]
     for i in np.flatnonzero(np.diff(frame)) + 1:
-        if i - start[-1] >= SHORTEST and len(frame) - i >= SHORTEST:
+        if i - start[-1] >= shortest and len(frame) - i >= shortest:
             start.append(int(i))
     middle = [int(np.bincount(frame[a:b]).argmax()) for a, b in pairwise([*start, len(frame)])]
     return np.array([*start, len(frame)]), np.array(middle)
@@ -171,4 +177,4 @@ class VarDMPLearner(DMPLearner):
 
     def segments(self, local: Array, dt: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """By the variance."""
-        return segment_by_variance(local, max(round(self.window / dt), 1))
+        return segment_by_variance(local, max(round(self.window / dt), 1), max(round(SHORTEST / dt), 2))

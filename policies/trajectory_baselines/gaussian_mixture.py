@@ -45,7 +45,7 @@ class MixturePath(NamedTuple):
         In every frame each component is conditioned on the time; the products over the frames, in world coordinates, are
         mixed by the responsibilities of the time. Calinon's product of joint Gaussians, conditioned afterwards, has the same
         conditional means and other responsibilities: where frames disagree, components move in time, and parts of the path are
-        left out (6 in place of 8 of ten development setups of Whiteboard).
+        left out.
         """
         n_frames = len(self.mean)
         origins, axes = frames.origins[:n_frames], frames.axes[:n_frames]
@@ -104,15 +104,12 @@ class TPGMMLearner(TrajectoryLearner):
 
     Parameters:
         n_components: Gaussians; the thesis's 75.
-        regularisation: added to the covariances' diagonals, time from 0 to 1 and points in units of their spread. With 1e-6
-            97 % of the strokes were written in the trials below, with 1e-5 93 %.
+        regularisation: added to the covariances' diagonals, time from 0 to 1 and points in units of their spread.
         max_iter: steps of EM at most; a warning says where they were too few.
         events: scale of contact and hand in the alignment [m].
 
-    Of eight settings tried on Whiteboard (six demonstrations of teaching seeds 10 and 11, ten development setups) 75 and 100
-    Gaussians solved 8, after 3 steps of EM as after 30, 40 Gaussians 6, and 150 none. Where it breaks: six demonstrations do
-    not tell what a frame has to do with a movement. Those of seed 11 write on the first board, seen from the second one, within
-    2 mm of a plane, as if the second one mattered; a board off this plane is written on beside its place.
+    Where it breaks: few demonstrations do not tell what a frame has to do with a movement. Where they happen to lie close to a
+    plane of it, the path is drawn to this plane.
     """
 
     seen_frames = slice(None)

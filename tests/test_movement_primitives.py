@@ -1,0 +1,113 @@
+"""Goals and grips from demonstrations as they come: broken off, pressing now and then, turning by more than half a turn."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from lfd_gym import quaternion
+from lfd_gym.demonstration import Demonstration
+from lfd_gym.recording import record
+from policies.features import HAND, ORIENTATION, POSITION, measure, primitive_table
+from policies.movement_primitives import MovementPrimitives, learn_primitives
+from policies.sequence_graph import segments
+from scripted_teachers.move_object import MoveObjectTeacher
+
+
+@pytest.fixture(scope="module")
+def shown() -> list[Demonstration]:
+    return record("move-object", MoveObjectTeacher(noise=1.0), n=3, seed=0).demonstrations
+
+
+def learn(demonstrations: Sequence[Demonstration]) -> MovementPrimitives:
+    rows = demonstrations[0].primitives
+    table = primitive_table(rows, list(demonstrations[0].observations))
+    measured = [measure(demonstration.observations, table.frames) for demonstration in demonstrations]
+    return learn_primitives([row.name for row in rows], table, demonstrations, measured, "arclength")
+
+
+def row(primitives: MovementPrimitives, name: str) -> int:
+    return next(i for i, full in enumerate(primitives.names) if name in full)
+
+
+def cut(demonstration: Demonstration, n: int) -> Demonstration:
+    """Its first n steps."""
+    return dataclasses.replace(
+        demonstration,
+        observations={name: values[: n + 1] for name, values in demonstration.observations.items()},
+        actions=demonstration.actions[:n],
+        rewards=demonstration.rewards[:n],
+        states=demonstration.states[: n + 1],
+        labels=demonstration.labels[:n],
+    )
+
+
+@pytest.mark.parametrize("steps", [1, 4, 8, 12])
+@pytest.mark.parametrize("name", ["carry", "withdraw"])
+def test_a_recording_that_breaks_off_after_a_transition_moves_no_goal(shown, name: str, steps: int) -> None:
+    whole = learn(shown)
+    k = row(whole, name)
+    begin = next(s.start for s in segments(shown[2].labels) if s.label == k)
+    broken = learn([*shown[:2], cut(shown[2], begin + steps)])
+    np.testing.assert_allclose(broken.goal[k, POSITION], learn(shown[:2]).goal[k, POSITION], atol=0.01)
+
+
+def test_a_movement_that_ends_a_recording_counts_where_it_did_not_need_to_move(shown) -> None:
+    """The tool stays upright while it withdraws: the tilt at the end is as good a goal as any."""
+    k = row(learn(shown), "withdraw")
+    tilted = learn([_tilted_at_the_end(demonstration, k, 0.04) for demonstration in shown])
+    off = quaternion.multiply(reached(tilted, k), quaternion.conjugate(reached(learn(shown), k)))
+    assert np.linalg.norm(quaternion.to_rotation_vector(off)) > 0.01
+
+
+def reached(primitives: MovementPrimitives, k: int) -> np.ndarray:
+    """Orientation at the goal of primitive k."""
+    return quaternion.multiply(quaternion.from_rotation_vector(primitives.goal[k, ORIENTATION]), primitives.mean[k])
+
+
+def _tilted_at_the_end(demonstration: Demonstration, k: int, angle: float) -> Demonstration:
+    observations, last = dict(demonstration.observations), segments(demonstration.labels)[-1]
+    assert last.label == k
+    turned = observations["tool_quaternion"].copy()
+    turn = quaternion.from_rotation_vector(np.array([angle, 0.0, 0.0]))
+    for t in range(last.start, len(turned)):
+        turned[t] = quaternion.multiply(turn, turned[t])
+    return dataclasses.replace(demonstration, observations=observations | {"tool_quaternion": turned})
+
+
+def test_a_finger_that_pressed_once_presses_to_that_side(shown) -> None:
+    k = row(learn(shown), "carry")
+    torques = (0.7, -0.003, -0.003)
+    pressing = [_with_torque(demonstration, k, torque) for demonstration, torque in zip(shown, torques, strict=True)]
+    assert learn(pressing).grip[k, 1] > 0.0
+
+
+def _with_torque(demonstration: Demonstration, k: int, torque: float) -> Demonstration:
+    values = demonstration.observations["hand_torque"].copy()
+    for segment in segments(demonstration.labels):
+        if segment.label == k:
+            values[segment.start : segment.stop + 1, HAND.start - 5] = torque
+    return dataclasses.replace(demonstration, observations={**demonstration.observations, "hand_torque": values})
+
+
+@pytest.mark.parametrize("angle", [2.0, 3.3, 4.5])
+def test_a_turn_of_more_than_half_a_turn_has_its_goal_where_it_ends(shown, angle: float) -> None:
+    turning = [_turned(demonstration, angle) for demonstration in shown]
+    primitives = learn(turning)
+    k = row(primitives, "withdraw")
+    off = quaternion.multiply(reached(primitives, k), quaternion.conjugate(np.array([0.0, 0.0, 1.0, 0.0])))
+    assert np.linalg.norm(quaternion.to_rotation_vector(off)) < 0.02
+
+
+def _turned(demonstration: Demonstration, angle: float) -> Demonstration:
+    """The last primitive turns by an angle about the vertical, smoothly, to the tool's reference, and rests there."""
+    last = segments(demonstration.labels)[-1]
+    turned, n = demonstration.observations["tool_quaternion"].copy(), len(demonstration) + 1 - last.start
+    s = np.minimum(np.linspace(0.0, 1.5, n), 1.0)
+    for t, left in zip(
+        range(last.start, len(turned)), angle * (1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)), strict=True
+    ):
+        turn = quaternion.from_rotation_vector(np.array([0.0, 0.0, left]))
+        turned[t] = quaternion.multiply(turn, np.array([0.0, 0.0, 1.0, 0.0]))
+    return dataclasses.replace(demonstration, observations={**demonstration.observations, "tool_quaternion": turned})
