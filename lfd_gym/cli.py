@@ -263,6 +263,8 @@ def evaluate(
     if json_path is not None:
         with written_whole(json_path) as temporary:
             temporary.write_text(report.to_json())
+    if all(episode.error for episode in report.episodes):
+        raise InvalidArgumentError(f"every episode ended in an error, the first in {report.episodes[0].error}")
 
 
 @app.command(epilog="Example: lfd-gym render skill.npz light-bulb --seed 100003 --out video.mp4")

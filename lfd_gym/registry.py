@@ -89,7 +89,7 @@ def environment_id(name: str) -> str:
 
 
 def make(name: str, /, **kwargs: Any) -> gymnasium.Env:
-    """`gymnasium.make` by short name or id.
+    """`gymnasium.make` by short name or id, with its own arguments and those of the environment.
 
     Raises UnknownNameError for an unknown environment, InvalidArgumentError for an argument it does not take, and for an
     environment of another module that cannot be made.
@@ -98,7 +98,9 @@ def make(name: str, /, **kwargs: Any) -> gymnasium.Env:
     if task_id(env_id) in ENVIRONMENTS:
         register()
         entry = ENVIRONMENTS[task_id(env_id)]
-        check_arguments(load(entry.entry_point), kwargs, f"environment '{kebab_case(env_id)}'")
+        general = inspect.signature(gymnasium.make).parameters
+        own = {key: value for key, value in kwargs.items() if key not in general}
+        check_arguments(load(entry.entry_point), own, f"environment '{kebab_case(env_id)}'")
     try:
         return gymnasium.make(env_id, **kwargs)
     except (TypeError, ModuleNotFoundError, gymnasium.error.UnregisteredEnv) as error:

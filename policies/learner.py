@@ -45,6 +45,8 @@ class Learner(BaseEstimator, ABC):
         InvalidArgumentError for an argument of the constructor that is not possible.
         """
         demonstrations = list(demonstrations)
+        if not all(isinstance(demonstration, Demonstration) for demonstration in demonstrations):
+            raise DemonstrationError("no demonstrations were given; `load_demonstrations` reads them from a file")
         check_same_environment(demonstrations)
         _check_alike(demonstrations, self.needs_labels)
         for i, demonstration in enumerate(demonstrations):

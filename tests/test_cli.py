@@ -191,6 +191,19 @@ def test_teach_and_evaluate_write_what_they_say(monkeypatch, capsys, tmp_path) -
     assert sorted(p.name for p in tmp_path.rglob("*")) == ["demos.h5", "new", "report.json"]
 
 
+def test_an_evaluation_in_which_nothing_ran_does_not_pass(monkeypatch, capsys) -> None:
+    class Lost(toy.PointTeacher):
+        def act(self, observation: object) -> tuple[np.ndarray, int]:
+            raise RuntimeError("lost")
+
+    monkeypatch.setattr("scripted_teachers.TEACHERS", TEACHERS)
+    monkeypatch.setattr(toy, "PointTeacher", Lost)
+    assert cli.main(["evaluate", "teacher", toy.ENV_ID, "-n", "2"]) == 2
+    out, err = capsys.readouterr()
+    assert "2 episodes ended in an error" in out
+    assert err == "lfd-gym: every episode ended in an error, the first in RuntimeError: lost\n"
+
+
 def test_a_file_cannot_take_the_place_of_a_folder(monkeypatch, capsys, tmp_path) -> None:
     monkeypatch.setattr("scripted_teachers.TEACHERS", TEACHERS)
     assert "is a folder" in refuse(["teach", toy.ENV_ID, "-n", "1", "--out", str(tmp_path)], capsys, tmp_path)

@@ -87,6 +87,15 @@ def test_a_skill_is_judged_under_either_reward_but_at_its_own_rate() -> None:
             evaluate(foreign, RandomPolicy(), episodes=1, seed=100000)
 
 
+def test_gymnasiums_own_arguments_pass_through_make() -> None:
+    env = make("move-object", max_episode_steps=3, control_hz=25)
+    env.reset(seed=100000)
+    ends = [env.step(np.zeros(env.action_space.shape))[3] for _ in range(3)]
+    assert ends == [False, False, True]
+    with pytest.raises(InvalidArgumentError, match="did you mean 'control_hz'"):
+        make("move-object", max_episode_steps=3, control_hertz=25)
+
+
 def test_a_teacher_that_has_taught_can_be_sent_to_processes() -> None:
     teacher = MoveObjectTeacher(noise=1.0)
     record("move-object", teacher, 1, seed=0)

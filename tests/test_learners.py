@@ -138,6 +138,11 @@ def test_measurements_that_are_no_numbers_are_refused(method: str, taught: list[
             new(method).fit([*taught[1:], broken])
 
 
+def test_what_is_no_demonstration_is_refused(method: str) -> None:
+    with pytest.raises(DemonstrationError, match="load_demonstrations"):
+        new(method).fit("demos.h5")
+
+
 def test_demonstrations_that_failed_are_named(method: str, taught: list[Demonstration]) -> None:
     failed = dataclasses.replace(taught[1], success=False)
     with pytest.warns(UserWarning, match="not solved in demonstration 1:"):
