@@ -111,7 +111,8 @@ def learn_primitives(
         for k, own in shown.items()
     }
     for k, own in shown.items():
-        paces = np.median([_pace(measurements[m].position[at], dt) for m, at in own], axis=0)
+        whole = [part for part, off in zip(own, broken_off[k], strict=True) if not off] or own
+        paces = np.median([_pace(measurements[m].position[at], dt) for m, at in whole], axis=0)
         speed[k], acceleration[k] = np.maximum(paces, (SLOWEST, GENTLEST))
         if table.space[k] == CYLINDRICAL:
             _unwrap([x for j in table.alike(k, 1, shown) for x in paths[j]])
@@ -135,7 +136,7 @@ def learn_primitives(
 
 def _breaks_off(x: Array, dead_band: Array, dt: float) -> bool:
     """Whether a path (N, N_COORDINATES) ends before it moves, or at more than half of its greatest speed."""
-    n = min(round(REST_TIME / dt), len(x) - 1)
+    n = min(max(round(REST_TIME / dt), 1), len(x) - 1)
     speed = (np.abs(x[n:] - x[:-n]) / dead_band).max(axis=1)
     return bool((np.ptp(x, axis=0) <= dead_band).all() or speed[-1] > 0.5 * speed.max())
 
