@@ -112,7 +112,8 @@ class SequenceGraphLearner(Learner):
         nodes = []
         for node in range(graph.n_nodes):
             own = [p for p in data.passages if p.node == node]
-            still = [longest_stillness(measurements[p.demonstration], p.start, p.stop) for p in own]
+            frame = int(table.position_frame[graph.labels[node]]) if node else 0
+            still = [longest_stillness(measurements[p.demonstration], p.start, p.stop, frame) for p in own]
             nodes.append(node_learner.learn(node, transitions.node(node), max(still, default=0)))
         columns = sorted({int(c) for node in nodes for c in node.feature_columns if c >= 0})
         position = {column: i for i, column in enumerate([-1, *columns], start=-1)}

@@ -22,7 +22,8 @@ from policies.transitions import DECISIONS, Decision
 Array = NDArray[np.float64]
 
 STILL_POSITION, STILL_ANGLE = 0.002, 0.02
-"""Motion [m], [rad] since it last moved within which the robot counts as still."""
+"""Motion [m], [rad] since it last moved within which the robot counts as still: in the world, or in its primitive's frame, for
+what is held may creep with the hand that is to stay beside it."""
 
 
 class Node(NamedTuple):
@@ -69,7 +70,7 @@ class Memory(NamedTuple):
     pace: Array
     """(n,) how fast that place moved [m/s]."""
     anchor: Array
-    """(n, 11) position, quaternion and hand when the robot last moved."""
+    """(n, 14) position, quaternion, hand, and position in the frame of the active primitive, when the robot last moved."""
     still: Array
     """(n,) time since then [s]."""
     chosen: NDArray[np.int64]
@@ -116,14 +117,15 @@ class SequenceGraphSkill(Skill):
         none, zero = np.zeros(n, dtype=np.int64), np.zeros(n)
         place = np.zeros((n, 3))
         began = np.zeros((n, len(self.primitives.table.frames), 3))
-        return Memory(none, place, identity, np.zeros((n, 4)), place, zero, np.zeros((n, 11)), zero, none, zero, began)
+        return Memory(none, place, identity, np.zeros((n, 4)), place, zero, np.zeros((n, 14)), zero, none, zero, began)
 
     def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
         """One control step: classify, then the goal of the node that is active now."""
         seen, frames, place, memory = self._perceive(observation, state)
-        still = _is_still(seen, memory.anchor)
+        whole = self._whole(seen, place, int(memory.node))
+        still = _is_still(whole, memory.anchor)
         memory = memory._replace(
-            anchor=memory.anchor if still else seen, still=memory.still + self.dt if still else np.array(0.0)
+            anchor=memory.anchor if still else whole, still=memory.still + self.dt if still else np.array(0.0)
         )
         observed = self._named(observation, place, memory.began)
         memory = self._move_on(seen, frames, place, observed, memory)
@@ -158,8 +160,9 @@ class SequenceGraphSkill(Skill):
         memory = Memory(*state)
         if memory.node == 0:
             memory = memory._replace(
-                position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3], anchor=seen, began=place
-            )
+                position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3],
+                anchor=self._whole(seen, place, 0), began=place,
+            )  # fmt: skip
         return seen, frames, place, memory
 
     def _measure(self, observation: Observation) -> tuple[Array, Array, Array]:
@@ -174,6 +177,11 @@ class SequenceGraphSkill(Skill):
         for i, key in enumerate(self._frame_keys, start=1):
             frames[i] = observation[key]
         return seen, frames, tool_in_frames(seen[:3], frames)
+
+    def _whole(self, seen: Array, place: Array, node: int) -> Array:
+        """What the anchor is compared with (14,)."""
+        frame = self.primitives.table.position_frame[self.graph.labels[node]] if node else 0
+        return np.concatenate([seen, place[frame]])
 
     def _named(self, observation: Observation, place: Array, began: Array) -> Array:
         """The scaled named observations (D,)."""
@@ -198,8 +206,9 @@ class SequenceGraphSkill(Skill):
         if (following := int(node.targets[chosen])) == current:
             return memory._replace(chosen=np.array(chosen), lasted=lasted)
         return memory._replace(
-            node=np.array(following), pace=zero, anchor=seen, still=zero, chosen=np.array(0), lasted=zero, began=place
-        )
+            node=np.array(following), pace=zero, anchor=self._whole(seen, place, following), still=zero,
+            chosen=np.array(0), lasted=zero, began=place,
+        )  # fmt: skip
 
     def to_arrays(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Graph, primitives and nodes."""
@@ -252,9 +261,11 @@ def class_targets(node: int, exits: Sequence[int]) -> NDArray[np.int64]:
     return np.array([node, *(node if e == END else e for e in exits)], dtype=np.int64)
 
 
-def longest_stillness(measured: Measurement, start: int, stop: int) -> int:
-    """Largest number of samples between two steps during which the robot counted as still."""
-    seen = np.concatenate([measured.position, measured.quaternion, measured.hand], axis=1)[start : stop + 1]
+def longest_stillness(measured: Measurement, start: int, stop: int, frame: int) -> int:
+    """Largest number of samples between two steps during which the robot counted as still, in the world or in a frame."""
+    position, quaternion, hand, frames = (values[start : stop + 1] for values in measured)
+    place = [tool_in_frames(x, poses)[frame] for x, poses in zip(position, frames, strict=True)]
+    seen = np.concatenate([position, quaternion, hand, place], axis=1)
     longest, since, anchor = 0, 0, seen[0]
     for t in range(1, len(seen)):
         if not _is_still(seen[t], anchor):
@@ -265,9 +276,10 @@ def longest_stillness(measured: Measurement, start: int, stop: int) -> int:
 
 @njit(cache=True)
 def _is_still(seen: Array, anchor: Array) -> bool:
-    moved = np.abs(seen[:3] - anchor[:3]).max() > STILL_POSITION
+    away = seen[11:] - anchor[11:]
+    moved = np.abs(seen[:3] - anchor[:3]).max() > STILL_POSITION and away @ away > STILL_POSITION**2
     turned = 2.0 * np.sqrt(max(0.0, 1.0 - np.dot(seen[3:7], anchor[3:7]) ** 2)) > STILL_ANGLE
-    return not (moved or turned or np.abs(seen[7:] - anchor[7:]).max() > STILL_ANGLE)
+    return not (moved or turned or np.abs(seen[7:11] - anchor[7:11]).max() > STILL_ANGLE)
 
 
 @njit(cache=True)

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from kinematic_world import CARRY, DT, PRIMITIVES, REACH, LidWorld, solve, teach
+from kinematic_world import CARRY, CLOSE, DT, PRIMITIVES, REACH, LidWorld, solve, teach
 
 from lfd_gym import quaternion
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SkillFileError, UnknownNameError
@@ -54,6 +54,23 @@ def test_repetitions_follow_the_world_not_the_demonstrations(skill):
 def test_one_demonstration_is_enough_in_a_simple_world():
     skill = SequenceGraphLearner().fit([teach(1009)]).skill_
     assert sum(solve(skill, seed)[0] for seed in range(4)) >= 3
+
+
+def test_a_grip_that_creeps_with_what_it_holds_is_not_waited_for_for_ever(skill):
+    """Where the hand is to stay beside a lid that it holds, an error of a millimetre moves both on and on."""
+    world = LidWorld()
+    seen = world.reset(0)
+    action, state = skill.predict(seen)
+    while skill.active(state)[0] != CLOSE:
+        seen = world.step(action)
+        action, state = skill.predict(seen, state)
+    creep, waited = np.array([0.0, 0.01 * DT, 0.0]), 0
+    while skill.active(state)[0] == CLOSE and waited < 500:
+        lid = seen["frame_lid"] + np.r_[creep, np.zeros(4)]
+        seen = {**seen, "tool_position": seen["tool_position"] + creep, "frame_lid": lid}
+        _, state = skill.predict(seen, state)
+        waited += 1
+    assert 0.5 < waited * DT < 4.0
 
 
 def test_goals_that_are_far_apart_are_waited_for_all_the_same(taught):
