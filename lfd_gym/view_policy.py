@@ -21,7 +21,7 @@ class ViewPolicy:
     """
 
     def __init__(self, agent: Any, view: View) -> None:
-        self.agent, self.view = agent, view
+        self.agent, self.view, self.metadata = agent, view, {"learner": type(agent).__name__}
 
     @property
     def dt(self) -> float:

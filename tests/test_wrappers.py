@@ -10,7 +10,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from lfd_gym.errors import InvalidActionError, InvalidArgumentError
-from lfd_gym.evaluation import check_fits
+from lfd_gym.evaluation import check_fits, describe
 from lfd_gym.registry import ENVIRONMENTS, dense_id, look_up, make
 from lfd_gym.rollout import TeacherPolicy, rollout
 from lfd_gym.view import View, environment_class
@@ -66,6 +66,7 @@ def test_an_agent_of_the_view_acts_below_it_as_in_it(name: str) -> None:
     seen, _ = env.reset(seed=100000)
     policy = ViewPolicy(agent, env.view)
     check_fits(policy, native)
+    assert describe(policy) == "ViewPolicy (Agent)"
     for i, step in zip(range(100), rollout(native, policy, 100000), strict=False):
         if i % env.view.repeats == 0:
             np.testing.assert_array_equal(env.view.flatten(step.observation), seen)
