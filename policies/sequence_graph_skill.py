@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lfd_gym import quaternion
 from lfd_gym.action import ActionLayout
 from policies.consistency import check_graph
 from policies.features import WORLD, Measurement, PrimitiveTable, deviation, goal_distance, task_coordinates
@@ -70,7 +71,7 @@ class Memory(NamedTuple):
     pace: Array
     """(n,) how fast that place moved [m/s]."""
     anchor: Array
-    """(n, 14) position, quaternion, hand, and position in the frame of the active primitive, when the robot last moved."""
+    """(n, 18) what `in_frame` makes of the frame of the active primitive, when the robot last moved."""
     still: Array
     """(n,) time since then [s]."""
     chosen: NDArray[np.int64]
@@ -117,12 +118,12 @@ class SequenceGraphSkill(Skill):
         none, zero = np.zeros(n, dtype=np.int64), np.zeros(n)
         place = np.zeros((n, 3))
         began = np.zeros((n, len(self.primitives.table.frames), 3))
-        return Memory(none, place, identity, np.zeros((n, 4)), place, zero, np.zeros((n, 14)), zero, none, zero, began)
+        return Memory(none, place, identity, np.zeros((n, 4)), place, zero, np.zeros((n, 18)), zero, none, zero, began)
 
     def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
         """One control step: classify, then the goal of the node that is active now."""
         seen, frames, place, memory = self._perceive(observation, state)
-        whole = self._whole(seen, place, int(memory.node))
+        whole = self._whole(seen, frames, int(memory.node))
         still = _is_still(whole, memory.anchor)
         memory = memory._replace(
             anchor=memory.anchor if still else whole, still=memory.still + self.dt if still else np.array(0.0)
@@ -161,7 +162,7 @@ class SequenceGraphSkill(Skill):
         if memory.node == 0:
             memory = memory._replace(
                 position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3],
-                anchor=self._whole(seen, place, 0), began=place,
+                anchor=self._whole(seen, frames, 0), began=place,
             )  # fmt: skip
         return seen, frames, place, memory
 
@@ -178,10 +179,9 @@ class SequenceGraphSkill(Skill):
             frames[i] = observation[key]
         return seen, frames, tool_in_frames(seen[:3], frames)
 
-    def _whole(self, seen: Array, place: Array, node: int) -> Array:
-        """What the anchor is compared with (14,)."""
-        frame = self.primitives.table.position_frame[self.graph.labels[node]] if node else 0
-        return np.concatenate([seen, place[frame]])
+    def _whole(self, seen: Array, frames: Array, node: int) -> Array:
+        """What the anchor is compared with (18,)."""
+        return in_frame(seen, frames[self.primitives.table.position_frame[self.graph.labels[node]] if node else 0])
 
     def _named(self, observation: Observation, place: Array, began: Array) -> Array:
         """The scaled named observations (D,)."""
@@ -206,7 +206,7 @@ class SequenceGraphSkill(Skill):
         if (following := int(node.targets[chosen])) == current:
             return memory._replace(chosen=np.array(chosen), lasted=lasted)
         return memory._replace(
-            node=np.array(following), pace=zero, anchor=self._whole(seen, place, following), still=zero,
+            node=np.array(following), pace=zero, anchor=self._whole(seen, frames, following), still=zero,
             chosen=np.array(0), lasted=zero, began=place,
         )  # fmt: skip
 
@@ -263,9 +263,9 @@ def class_targets(node: int, exits: Sequence[int]) -> NDArray[np.int64]:
 
 def longest_stillness(measured: Measurement, start: int, stop: int, frame: int) -> int:
     """Largest number of samples between two steps during which the robot counted as still, in the world or in a frame."""
-    position, quaternion, hand, frames = (values[start : stop + 1] for values in measured)
-    place = [tool_in_frames(x, poses)[frame] for x, poses in zip(position, frames, strict=True)]
-    seen = np.concatenate([position, quaternion, hand, place], axis=1)
+    position, turned, hand, frames = (values[start : stop + 1] for values in measured)
+    world = np.concatenate([position, turned, hand], axis=1)
+    seen = np.array([in_frame(x, poses[frame]) for x, poses in zip(world, frames, strict=True)])
     longest, since, anchor = 0, 0, seen[0]
     for t in range(1, len(seen)):
         if not _is_still(seen[t], anchor):
@@ -275,11 +275,28 @@ def longest_stillness(measured: Measurement, start: int, stop: int, frame: int) 
 
 
 @njit(cache=True)
+def in_frame(seen: Array, frame: Array) -> Array:
+    """Position, quaternion and hand (11,), followed by position and quaternion in a frame (7,): (18,)."""
+    result = np.empty(18)
+    back = quaternion.conjugate(frame[3:])
+    result[:11] = seen
+    result[11:14] = quaternion.rotate(back, seen[:3] - frame[:3])
+    result[14:] = quaternion.multiply(back, seen[3:7])
+    return result
+
+
+@njit(cache=True)
+def _turned(one: Array, other: Array) -> bool:
+    return 2.0 * np.sqrt(max(0.0, 1.0 - np.dot(one, other) ** 2)) > STILL_ANGLE
+
+
+@njit(cache=True)
 def _is_still(seen: Array, anchor: Array) -> bool:
-    away = seen[11:] - anchor[11:]
-    moved = np.abs(seen[:3] - anchor[:3]).max() > STILL_POSITION and away @ away > STILL_POSITION**2
-    turned = 2.0 * np.sqrt(max(0.0, 1.0 - np.dot(seen[3:7], anchor[3:7]) ** 2)) > STILL_ANGLE
-    return not (moved or turned or np.abs(seen[7:11] - anchor[7:11]).max() > STILL_ANGLE)
+    if np.abs(seen[7:11] - anchor[7:11]).max() > STILL_ANGLE:
+        return False
+    away = seen[11:14] - anchor[11:14]
+    in_world = np.abs(seen[:3] - anchor[:3]).max() <= STILL_POSITION and not _turned(seen[3:7], anchor[3:7])
+    return bool(in_world or (away @ away <= STILL_POSITION**2 and not _turned(seen[14:], anchor[14:])))
 
 
 @njit(cache=True)

@@ -57,17 +57,23 @@ def test_one_demonstration_is_enough_in_a_simple_world():
 
 
 def test_a_grip_that_creeps_with_what_it_holds_is_not_waited_for_for_ever(skill):
-    """Where the hand is to stay beside a lid that it holds, an error of a millimetre moves both on and on."""
+    """Where the hand is to stay beside a lid that it holds, an error of a millimetre moves and turns both on and on."""
     world = LidWorld()
     seen = world.reset(0)
     action, state = skill.predict(seen)
     while skill.active(state)[0] != CLOSE:
         seen = world.step(action)
         action, state = skill.predict(seen, state)
-    creep, waited = np.array([0.0, 0.01 * DT, 0.0]), 0
+    creep, turn, waited = np.array([0.0, 0.01 * DT, 0.0]), quaternion.from_rotation_vector(np.array([0.0, 0.0, DT])), 0
     while skill.active(state)[0] == CLOSE and waited < 500:
-        lid = seen["frame_lid"] + np.r_[creep, np.zeros(4)]
-        seen = {**seen, "tool_position": seen["tool_position"] + creep, "frame_lid": lid}
+        off, held = seen["tool_position"] - seen["frame_lid"][:3], quaternion.multiply(turn, seen["frame_lid"][3:])
+        place = seen["frame_lid"][:3] + creep
+        seen = {
+            **seen,
+            "tool_position": place + quaternion.rotate(turn, off),
+            "tool_quaternion": quaternion.multiply(turn, seen["tool_quaternion"]),
+            "frame_lid": np.r_[place, held],
+        }
         _, state = skill.predict(seen, state)
         waited += 1
     assert 0.5 < waited * DT < 4.0
