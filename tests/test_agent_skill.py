@@ -78,6 +78,7 @@ CHANGES: dict[str, Callable[[dict[str, Any], dict[str, np.ndarray]], None]] = {
     "no time": lambda values, arrays: values["view"].update(dt=0.0),
     "other time": lambda values, arrays: values["view"].update(dt=0.03),
     "fewer controls": lambda values, arrays: values["view"].update(controls=["x", "y"]),
+    "no controls": lambda values, arrays: values["view"].update(controls=[]),
     "fewer frames": lambda values, arrays: values["view"].update(frames=["object"]),
 }
 

@@ -61,8 +61,8 @@ class AgentSkill(Skill):
     def from_arrays(cls, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], **facts: Any) -> Self:
         """The skill that `to_arrays` described."""
         network, view = Network.from_arrays(header["network"], arrays), View.from_dict(header["view"])
-        executed, chunk = header["executed"], len(network.biases[-1]) // len(view.controls)
         check_view(view)
+        executed, chunk = header["executed"], len(network.biases[-1]) // len(view.controls)
         check_network(network, view.size, chunk * len(view.controls))
         if not isinstance(executed, int) or not 1 <= executed <= chunk:
             raise ValueError(f"{executed} of {chunk} decisions")

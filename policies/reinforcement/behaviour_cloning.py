@@ -43,9 +43,7 @@ class BehaviourCloning(Learner):
         losses_: training loss of every update.
     """
 
-    needs = (
-        "tool_position", "tool_quaternion", "tool_velocity", "reference_position", "reference_quaternion", "wrench",
-    )  # fmt: skip
+    needs = ("tool_position", "tool_quaternion", "reference_position", "reference_quaternion", "wrench")
     reads = ("",)
     needs_labels = False
     reads_actions = True
