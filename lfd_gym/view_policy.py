@@ -24,6 +24,11 @@ class ViewPolicy:
         self.agent, self.view, self.metadata = agent, view, {"learner": type(agent).__name__}
 
     @property
+    def env_id(self) -> str:
+        """The task that it was trained for."""
+        return self.view.env_id
+
+    @property
     def dt(self) -> float:
         """Control step of the environment [s]."""
         return self.view.dt

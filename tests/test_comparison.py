@@ -85,8 +85,8 @@ def test_a_learning_curve_has_the_evaluations_after_equally_many_decisions() -> 
     seldom = row("ppo", 1, [1], [point(200, 10), point(400, 20)])
     x, successes, episodes = learning_curve([often, seldom], "simulated_hours")
     assert x == pytest.approx([0.3, 0.5])  # 0.1 h were shown before the training
-    assert successes.tolist() == [12, 26]
-    assert episodes.tolist() == [40, 40]
+    assert successes.tolist() == [6, 13]
+    assert episodes.tolist() == [20, 20]
 
 
 def test_jobs_are_those_of_the_issue() -> None:

@@ -20,7 +20,7 @@ from policies.path_generators import AttractorPath
 from policies.reinforcement import FINETUNERS, finetuning, refined_graph, settings, skill_parameters
 from policies.reinforcement.growth import Growth
 from policies.reinforcement.practice import Episode, Practice, practise, scores
-from policies.reinforcement.residual import SHIFT, adjusted
+from policies.reinforcement.residual import PRESS, SHIFT, adjusted
 from policies.sequence_graph_learner import SequenceGraphLearner
 from policies.sequence_graph_skill import SequenceGraphSkill
 from scripted_teachers.move_object import MoveObjectTeacher
@@ -91,6 +91,21 @@ def test_an_agent_that_has_not_learned_decides_as_the_graph_does(small: Any, ski
     world = make(ENV_ID)
     list(rollout(world, skill, SEED))
     assert np.array_equal(world.unwrapped.get_state()[:7], tool)
+
+
+def test_one_decision_to_leave_a_node_leaves_it(skill: SequenceGraphSkill) -> None:
+    """However long the skill waits until it follows what it chose; and to stay is decided anew after a fifth of a second."""
+    env = refined_graph.GraphDecisions(make(ENV_ID, reward_type="dense"), skill)
+    env.reset(seed=SEED)
+    env.step(0)
+    for _ in range(2):
+        node, time = env._node, env.unwrapped.data.time
+        env.step(0)
+        assert env._node == node
+        assert env.unwrapped.data.time == pytest.approx(time + refined_graph.DECISION_TIME)
+        env.step(1)
+        assert env._node == skill.nodes[node].targets[1] != node
+        assert skill.nodes[node].dwell[1] > refined_graph.DECISION_TIME
 
 
 def test_the_exported_skill_scores_as_the_agent_and_rules_nothing_out(small: Any, skill: SequenceGraphSkill) -> None:
@@ -167,6 +182,20 @@ def test_a_residual_is_bounded_and_zero_leaves_every_bit() -> None:
     assert not view.layout.decode(adjusted(view, quiet, np.ones(len(view.controls)))).force.any()
 
 
+def test_a_residual_halves_a_force_or_adds_half_of_it_and_ends_none() -> None:
+    view = View.of(make("light-bulb"))
+    pose = (0.5 * (view.layout.workspace_low + view.layout.workspace_high), view.layout.reference_quaternion)
+    for newton in (0.5, 1.5, 5.0, 0.6 * view.layout.force_limit):
+        for value in (-1.0, -0.3, 0.4, 1.0):
+            force = newton * np.array([0.0, 0.6, 0.8])
+            residual = [value if name == "press" else 0.0 for name in view.controls]
+            action = adjusted(view, view.layout.encode(*pose, force, np.zeros(4)), residual)
+            assert view.layout.decode(action).force == pytest.approx((1.0 + PRESS * value) * force, rel=1e-4)
+    most = view.layout.encode(*pose, [0.0, 0.0, view.layout.force_limit], np.zeros(4))
+    pressed = adjusted(view, most, [1.0 if name == "press" else 0.0 for name in view.controls])
+    assert view.layout.decode(pressed).force[2] == pytest.approx(view.layout.force_limit)
+
+
 def test_parameters_of_a_graph_start_at_the_skill_and_move_its_goals(skill: SequenceGraphSkill) -> None:
     parameters = skill_parameters.parameters_of(skill)
     same: Any = parameters.applied(np.zeros(parameters.size))
@@ -214,6 +243,15 @@ def test_a_search_finds_a_planted_optimum(name: str) -> None:
     assert found.history[-1] > found.history[0]
     again = getattr(search, name)(score, 5, range(60), 12, 0.5, 0)
     assert np.array_equal(found.x, again.x)
+
+
+@pytest.mark.parametrize("name", ["cma_es", "smoothed_gradient"])
+def test_a_search_that_cannot_tell_its_candidates_apart_stays_where_it_is(name: str) -> None:
+    pytest.importorskip("cma", reason="the rl extra is not installed")
+    from policies.reinforcement import search
+
+    found = getattr(search, name)(lambda candidates, generation: np.ones(len(candidates)), 5, range(20), 8, 1.0, 0)
+    assert np.array_equal(found.x, np.zeros(5))
 
 
 @pytest.mark.parametrize("method", ["by_cma", "by_gradient"])

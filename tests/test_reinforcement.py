@@ -213,6 +213,30 @@ def test_a_residual_rests_and_waits_for_its_critics() -> None:
     assert moved[0.0, 0][1] > 0.0
 
 
+@pytest.mark.parametrize("name", ["sac", "ppo"])
+def test_pauses_change_nothing_of_what_is_learned(name: str, training: Any, tmp_path: Path) -> None:
+    """Not even where the learning rate falls."""
+    skills = [
+        training.train(name, ENV_ID, training.Schedule(96, every, evaluate_every=0), tmp_path / str(every), seed=3)
+        for every in (0, 32)
+    ]
+    one, other = (skill.to_arrays()[1] for skill in skills)
+    assert all(np.array_equal(one[key], other[key]) for key in one)
+    assert METHODS["sac"].annealing > 0.0
+
+
+def test_updates_are_steps_of_the_optimiser(training: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    steps = []
+    monkeypatch.setattr(torch.optim.Adam, "step", lambda self, closure=None: steps.append(self))
+    skill = training.train("ppo", ENV_ID, training.Schedule(64, evaluate_every=0), tmp_path / "ppo", seed=3)
+    assert skill.metadata["updates"] == len(steps) == 2 * 32 // 16
+    steps.clear()
+    skill = training.train("sac", ENV_ID, training.Schedule(64, evaluate_every=0), tmp_path / "sac", seed=3)
+    assert skill.metadata["updates"] == len(steps) / 3 > 0
+
+
 @pytest.mark.parametrize("name", ["sac-demos", "ppo"])
 def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
     name: str, training: Any, taught: Sequence[Demonstration], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -279,7 +303,7 @@ def test_the_learning_rate_falls_at_the_end(training: Any, tmp_path: Path, monke
 
     monkeypatch.setattr(training.TrainingFolder, "write", seen)
     training.train("sac", ENV_ID, training.Schedule(160, checkpoint_every=16, evaluate_every=0), tmp_path / "t")
-    assert rates == pytest.approx([1e-3] * 8 + [2e-3 / 3, 1e-3 / 3])
+    assert rates == pytest.approx([1e-3] * 7 + [2e-3 / 3, 1e-3 / 3, 0.0])
     assert METHODS["ppo"].learning_rate(1.0) == METHODS["ppo"].learning_rate(0.0)
 
 

@@ -66,6 +66,8 @@ def test_an_agent_of_the_view_acts_below_it_as_in_it(name: str) -> None:
     seen, _ = env.reset(seed=100000)
     policy = ViewPolicy(agent, env.view)
     check_fits(policy, native)
+    with pytest.raises(InvalidArgumentError, match="was taught for"):
+        check_fits(policy, make("light-bulb" if name != "light-bulb" else "move-object"))
     assert describe(policy) == "ViewPolicy (Agent)"
     for i, step in zip(range(100), rollout(native, policy, 100000), strict=False):
         if i % env.view.repeats == 0:

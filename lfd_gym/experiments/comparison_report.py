@@ -113,9 +113,10 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def learning_curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], ...]:
-    """Mean of the fact `key`, successes and episodes of the evaluations that every training had after as many decisions.
+    """Of the evaluations that every training had after as many decisions: the fact `key`, successes and setups.
 
-    What was shown before counts too. Empty where there is no such evaluation.
+    They are means over the trainings, which are evaluated on the same setups. What was shown before counts too. Empty where
+    there is no such evaluation.
     """
     if not all(row["curve"] for row in rows):
         return np.empty(0), np.empty(0), np.empty(0)
@@ -123,15 +124,18 @@ def learning_curve(rows: Sequence[Row], key: str) -> tuple[NDArray[np.float64], 
     common = sorted(set.intersection(*(set(points) for points in by_decisions)))
     before = [row["facts"][key] - row["curve"][-1][key] for row in rows]
     x = [np.mean([b + points[n][key] for points, b in zip(by_decisions, before, strict=True)]) for n in common]
-    counts = ([sum(points[n][name] for points in by_decisions) for n in common] for name in ("successes", "episodes"))
+    counts = (
+        [np.mean([points[n][name] for points in by_decisions]) for n in common] for name in ("successes", "episodes")
+    )
     return tuple(np.array(values, dtype=np.float64) for values in (x, *counts))
 
 
 def draw(rows: Sequence[Row], folder: Path) -> None:
     """`<task>.png`: success over simulated hours and over wall-clock.
 
-    A curve, with its 95 % interval, is of the 20 development setups that a training looks at, all trainings of a method
-    together; a point is one trained policy on the setups of the comparison, and a dashed line a policy that was not taught.
+    A curve, with its 95 % interval over setups, is of the 20 development setups that a training looks at, the mean of all
+    trainings of a method; a point is one trained policy on the setups of the comparison, and a dashed line a policy that was
+    not taught.
     """
     for env_id, methods in grouped(rows).items():
         figure, axes = panels(2, width=6.5)
@@ -144,7 +148,7 @@ def draw(rows: Sequence[Row], folder: Path) -> None:
                 own, colour = methods[method], i % len(COLOURS)
                 x, successes, n = learning_curve(own, key)
                 if len(x):
-                    intervals = [wilson_interval(int(s), int(m)) for s, m in zip(successes, n, strict=True)]
+                    intervals = [wilson_interval(s, int(m)) for s, m in zip(successes, n, strict=True)]
                     low, high = 100.0 * np.transpose(intervals)
                     curve(panel, x, 100.0 * successes / n, low, high, colour, f"{method}, while it trained")
                 spent = [row["facts"][key] for row in own]

@@ -5,6 +5,7 @@ logarithmic probabilities are the frozen part; a network of node and features ad
 What it adds is bounded: a choice that fails while an earlier decision is not yet right stays possible until it is.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
@@ -22,11 +23,12 @@ from policies.sequence_graph_skill import SequenceGraphSkill
 Array = NDArray[np.float64]
 
 LEAST = 5.0
-"""Logarithmic probabilities below minus this are drawn nearer, so that a residual of moderate size can overrule any."""
+"""Logarithmic probabilities below minus this are drawn nearer: two classes 50 apart are then 17 apart."""
 BOUND = 5.0
-"""The residual is r = b tanh(z / b) of the network's output z."""
+"""The residual is r = b tanh(z / b) of the network's output z; it overrules what is less than 2 b apart."""
 DECISION_TIME = 0.2
-"""While it is learned, a class that was chosen is kept for this time [s], or until it leads to another node."""
+"""While it is learned, a class that was chosen is kept for this time [s], or for its dwell, which is longer, or until it leads
+to another node."""
 
 
 def log_probabilities(decision: Decision, features: Array) -> Array:
@@ -123,12 +125,14 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
     """A sequence graph's decisions as an environment: actions are classes of the active node, see `action_masks`.
 
     One action lasts `hold` control steps, or until another node is active, or, where the graph ends, as long as the episode.
+    A discount counts actions and not their time.
     **Reward**: the environment's own, at the end of an action.
 
     Args:
         env: a manipulation environment.
         skill: the frozen one.
-        hold: control steps; `DECISION_TIME` if left out.
+        hold: control steps; if left out `DECISION_TIME`, or the dwell of the class if that is longer, so that a single action
+            can leave a node.
     """
 
     def __init__(self, env: gymnasium.Env, skill: SequenceGraphSkill, hold: int | None = None) -> None:
@@ -137,7 +141,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
         parts = (skill.graph, skill.primitives, skill.nodes, skill.named, skill.layout, skill.dt)
         self.skill = _DirectedSkill(*parts, env_id=skill.env_id, taught_seeds=(), metadata={})
         self.inputs = GraphInputs(skill)
-        self._hold = max(1, round(DECISION_TIME / skill.dt)) if hold is None else hold
+        self._hold = hold
         self.action_space = Discrete(self.inputs.n_classes)
         self.observation_space = Box(-np.inf, np.inf, (self.inputs.size,), np.float32)
 
@@ -150,9 +154,9 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Follow a class for a while; where no decision is left, to the end of the episode, which nothing comes after."""
         self.skill.chosen, node = int(action), self._node
-        ends = self.skill.nodes[node].decision is None
+        ends, hold = self.skill.nodes[node].decision is None, self._steps(node, int(action))
         steps, ended = 0, False
-        while not ended and (ends or (steps < self._hold and self._node == node)):
+        while not ended and (ends or (steps < hold and self._node == node)):
             native, self._state = self.skill.decide(self._seen, self._state)
             self._seen, reward, terminated, truncated, info = self.env.step(native)
             steps, ended = steps + 1, terminated or truncated
@@ -162,6 +166,13 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
     def action_masks(self) -> NDArray[np.bool_]:
         """(n_classes,) which classes the active node has."""
         return np.arange(self.inputs.n_classes) < len(self.skill.nodes[self._node].targets)
+
+    def _steps(self, node: int, action: int) -> int:
+        """How many control steps a class is kept for."""
+        if self._hold is not None:
+            return self._hold
+        dwell = float(self.skill.nodes[node].dwell[action])
+        return max(1, round(DECISION_TIME / self.skill.dt), math.ceil(dwell / self.skill.dt - 1e-9) + 1)
 
     def _look(self) -> NDArray[np.float32]:
         self._node, features = self.skill.look(self._seen, self._state)

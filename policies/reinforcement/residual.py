@@ -1,5 +1,6 @@
 """A bounded residual around a frozen skill: as a skill, and as the environment in which it is learned."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
@@ -9,7 +10,7 @@ from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
-from lfd_gym.action import ActionLayout
+from lfd_gym.action import DEAD_ZONE, ActionLayout
 from lfd_gym.registry import load
 from lfd_gym.view import BOUND, View
 from policies import SKILLS
@@ -24,18 +25,26 @@ SHIFT, TURN, GRIP, PRESS = 0.02, 0.1, 0.1, 0.5
 def adjusted(view: View, action: NDArray[np.float32], residual: ArrayLike) -> NDArray[np.float32]:
     """A native action (A,) with a residual (C,) in [-1, 1] per control of the view; zero leaves every bit as it is.
 
-    A force is scaled and never begun: without the skill's own force `press` does nothing.
+    A force [N] is scaled, never begun and never ended: without the skill's own force `press` does nothing.
     """
     layout, result = view.layout, action.astype(np.float64)
     value = dict(zip(view.controls, np.clip(residual, -1.0, 1.0).tolist(), strict=True))
     shift = SHIFT * np.array([value.get(axis, 0.0) for axis in "xyz"])
     result[ActionLayout.position] += 2.0 * shift / (layout.workspace_high - layout.workspace_low)
     result[ActionLayout.rotation.stop - 1] += TURN * value.get("yaw", 0.0) / layout.rotation_limit[2]
-    result[ActionLayout.force] *= 1.0 + PRESS * value.get("press", 0.0)
+    result[ActionLayout.force] *= _pressed(result[ActionLayout.force], 1.0 + PRESS * value.get("press", 0.0))
     if "grip" in value:
         way = np.array(view.hand_closed) - np.array(view.hand_open)
         result[ActionLayout.hand] += 2.0 * GRIP * value["grip"] * way / (layout.hand_high - layout.hand_low)
     return np.clip(result, -1.0, 1.0).astype(np.float32)
+
+
+def _pressed(force: NDArray[np.float64], factor: float) -> float:
+    """What components (3,) of an action are multiplied with so that the force [N] they command is."""
+    size = math.sqrt(force @ force)
+    if factor == 1.0 or size <= DEAD_ZONE:
+        return 1.0
+    return (DEAD_ZONE + min(factor * (size - DEAD_ZONE), 1.0 - DEAD_ZONE)) / size
 
 
 def inputs(view: View, observation: Observation, action: NDArray[np.float32]) -> NDArray[np.float32]:

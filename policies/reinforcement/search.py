@@ -22,7 +22,10 @@ class Found(NamedTuple):
 
 
 def cma_es(score: Score, size: int, generations: Iterable[int], population: int, sigma: float, seed: int) -> Found:
-    """Covariance matrix adaptation (Hansen 2016) from zero, with `cma`; sigma is the first standard deviation."""
+    """Covariance matrix adaptation (Hansen 2016) from zero, with `cma`; sigma is the first standard deviation.
+
+    A generation whose scores are all equal teaches nothing: the ranks that it would be given are arbitrary.
+    """
     options: dict[str, Any] = {"popsize": population, "seed": seed + 1, "verbose": -9}
     strategy = cma.CMAEvolutionStrategy(np.zeros(size), sigma, options)
     history = []
@@ -30,7 +33,8 @@ def cma_es(score: Score, size: int, generations: Iterable[int], population: int,
         candidates = strategy.ask()
         scores = score(candidates, generation)
         history.append(float(np.mean(scores)))
-        strategy.tell(candidates, (-scores).tolist())
+        if np.ptp(scores) > 0.0:
+            strategy.tell(candidates, (-scores).tolist())
     return Found(np.asarray(strategy.result.xfavorite, dtype=np.float64), history)
 
 

@@ -1,5 +1,6 @@
 """What is trained with which settings: one visible row per method, the same for every task."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -46,6 +47,11 @@ class TrainingSettings:
     """Decisions between two rounds of updates, of all environments together."""
     hyperparameters: Mapping[str, Any] = field(default_factory=dict)
     """Further arguments of the algorithm."""
+
+    @property
+    def counted_updates(self) -> int:
+        """Steps of the optimiser in what Stable-Baselines3 counts as one update: an epoch on policy, one step off policy."""
+        return 1 if self.algorithm == "sac" else math.ceil(self.rollout / int(self.hyperparameters["batch_size"]))
 
     def learning_rate(self, done: float) -> float:
         """After this share of the training's decisions."""

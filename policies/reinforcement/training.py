@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit, TransformReward
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.utils import ConstantSchedule, set_random_seed
+from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from lfd_gym.demonstration import Demonstration, check_same_environment
@@ -193,13 +193,13 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
     marks = [] if ended else _marks(state["decisions"], last, settings.rollout, schedule)
     for n in track(marks, len(marks), "training", schedule.progress):
         before, since = int(agent.num_timesteps), time.monotonic()
-        agent.lr_schedule = ConstantSchedule(settings.learning_rate(before / last))
+        agent.lr_schedule = partial(_annealed, settings, n / last)
         agent.learn(n - before, reset_num_timesteps=False)
         state = {
             "decisions": int(agent.num_timesteps),
             "seconds": state["seconds"] + time.monotonic() - since,
             "episodes": [env.next_seed - first - i * stride for i, env in enumerate(episodes)],
-            "updates": int(agent._n_updates),
+            "updates": int(agent._n_updates) * settings.counted_updates,
             "simulated_seconds": simulated + sum(env.get_wrapper_attr("simulated_seconds") for env in episodes),
         }
         ended = n == last or 0 < schedule.episodes <= sum(state["episodes"])
@@ -255,6 +255,11 @@ def _monitored(env: gymnasium.Env, reward_scale: float) -> gymnasium.Env:
     if reward_scale != 1.0:
         env = TransformReward(env, partial(_scaled, reward_scale))
     return Monitor(env)
+
+
+def _annealed(settings: TrainingSettings, share: float, remaining: float) -> float:
+    """The learning rate, of what remains of the decisions up to a pause that comes after a share of all of them."""
+    return settings.learning_rate((1.0 - remaining) * share)
 
 
 def _scaled(scale: float, reward: Any) -> float:
