@@ -2,8 +2,9 @@
 
 FREE        no force is commanded; the tool is position controlled in all directions.
 APPROACH    a force is commanded along d; the reference advances along d at the guarded speed.
-CONTACT     the filtered force along d stayed above ``CONTACT_FRACTION`` of the command for ``CONTACT_TIME``; the direction
-            d is force controlled until the command vanishes or turns by more than ``TURN_LIMIT`` in one step.
+CONTACT     the filtered force along d stayed above ``CONTACT_FRACTION`` of the command for ``CONTACT_TIME``, and not because
+            the tool itself was accelerated; the direction d is force controlled until the command vanishes or turns by more
+            than ``TURN_LIMIT`` in one step.
 """
 
 import math
@@ -17,13 +18,21 @@ GUARDED_SPEED = 0.03
 """Speed of the approach [m/s]: a contact at this speed stays below the sensor's range."""
 CONTACT_FRACTION = 0.25
 CONTACT_TIME = 0.02
+INERTIA = 0.5
+"""Share of what is felt that the tool's own acceleration may explain, if it is to be a contact."""
 TURN_LIMIT = math.radians(30.0)
 _COS_TURN_LIMIT = math.cos(TURN_LIMIT)
 
 
 @njit(cache=True)
 def advance(
-    mode: int, timer: float, direction: NDArray[np.float64], force: NDArray[np.float64], pressed: float, dt: float
+    mode: int,
+    timer: float,
+    direction: NDArray[np.float64],
+    force: NDArray[np.float64],
+    pressed: float,
+    inertial: float,
+    dt: float,
 ) -> tuple[int, float]:
     """One tick of the state machine; ``direction`` (3,) is overwritten by that of the force.
 
@@ -32,6 +41,7 @@ def advance(
         direction: unit direction of the force at the last tick, world frame.
         force: commanded force of the tool on the world, world frame [N]; zero means none.
         pressed: filtered force of the tool on the world along the commanded direction [N].
+        inertial: what of it would accelerate the tool in empty air as it is accelerated now [N].
         dt: length of the tick [s].
 
     Returns:
@@ -47,5 +57,6 @@ def advance(
         return APPROACH, 0.0
     if mode == CONTACT:
         return CONTACT, timer
-    timer = timer + dt if pressed > CONTACT_FRACTION * magnitude else 0.0
+    felt = pressed > CONTACT_FRACTION * magnitude and inertial <= INERTIA * pressed
+    timer = timer + dt if felt else 0.0
     return (CONTACT if timer >= CONTACT_TIME - 1e-9 else APPROACH), timer

@@ -29,13 +29,14 @@ class Perturbation:
     tracking_rotation: float = 0.0
     """Standard deviation of the error of every tracked orientation, one draw per episode [rad]."""
     wrench_noise: float = 0.0
-    """Standard deviation of the measured force, white, each step [N]; a tenth of it for the torque [N m]."""
+    """Standard deviation of the wrist sensor's force, white, each control step [N]; a tenth of it for the torque [N m]."""
     wrench_bias: float = 0.0
-    """Standard deviation of a constant error of the measured force [N]; a tenth of it for the torque [N m]."""
+    """Standard deviation of a constant error of the wrist sensor's force [N]; a tenth of it for the torque [N m]. The
+    controller, which regulates forces by this sensor, errs by it as well."""
     variation: float = 1.0
     """Factor on the width of the ranges of mass and friction."""
     push_arm: float = 0.0
-    """Horizontal force on the wrist for 0.2 s at a random time between 1 and 15 s [N]."""
+    """Horizontal force on the wrist for 0.2 s, in whole control steps, at a random time between 1 and 15 s [N]."""
     push_object: float = 0.0
     """Horizontal force on an object for 0.2 s at a random time [N]."""
     slip: float = 0.0
@@ -75,9 +76,8 @@ class Schedule:
         self.state = np.zeros(6 * n_frames + 6 + 3 * 2 + 3)
         """All draws of the episode: frame errors, wrench bias, two pushes, times of pushes and slip."""
         self._errors, self._bias, self._pushes, self._times = np.split(self.state, np.cumsum([6 * n_frames, 6, 6]))
-        self.senses = any(
-            (p := perturbation, p.tracking_position, p.tracking_rotation, p.wrench_noise, p.wrench_bias)[1:]
-        )
+        self.misplaces = any((perturbation.tracking_position, perturbation.tracking_rotation))
+        self.misreads = any((perturbation.wrench_noise, perturbation.wrench_bias))
         self.acts = any((perturbation.push_arm, perturbation.push_object, perturbation.slip))
 
     def draw(self, rng: np.random.Generator) -> None:
@@ -91,16 +91,18 @@ class Schedule:
             self._pushes[3 * i : 3 * i + 2] = strength * np.cos(angles[i]), strength * np.sin(angles[i])
         self._times[:] = rng.uniform(EARLIEST, LATEST, 3)
 
-    def sense(self, frames: Array, wrench: Array, rng: np.random.Generator) -> None:
-        """Falsify tracked poses (n_frames * 7,) and a wrench (6,) in place."""
+    def misplace(self, frames: Array) -> None:
+        """Falsify tracked poses (n_frames * 7,) in place."""
         for i in range(self._n_frames):
             pose, error = frames[7 * i : 7 * i + 7], self._errors[6 * i : 6 * i + 6]
             pose[:3] += error[:3]
             turned = quaternion.multiply(quaternion.from_rotation_vector(error[3:]), pose[3:])
             pose[3:] = quaternion.canonical(turned)
-        wrench += self._bias
-        if self.perturbation.wrench_noise:
-            wrench += rng.standard_normal(6) * self.perturbation.wrench_noise * np.repeat([1.0, 0.1], 3)
+
+    def misreading(self, rng: np.random.Generator) -> Array:
+        """By how much the wrist sensor errs for one control step (6,)."""
+        noise = self.perturbation.wrench_noise
+        return self._bias + rng.standard_normal(6) * noise * np.repeat([1.0, 0.1], 3) if noise else self._bias
 
     def pushes(self, time: float) -> tuple[Array, Array]:
         """Forces (3,) on the arm and on the object at this time, world frame [N]."""

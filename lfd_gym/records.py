@@ -11,6 +11,9 @@ SETTINGS = np.dtype(
         ("turn_limit", "f8"),
         ("workspace_low", "f8", 3),
         ("workspace_high", "f8", 3),
+        ("upper_arm", "f8"),
+        ("forearm", "f8"),
+        ("bend", "f8"),
         ("stiffness", "f8"),
         ("damping", "f8"),
         ("integral", "f8"),
@@ -39,8 +42,18 @@ SETTINGS = np.dtype(
 )
 """Constants of one environment, in SI units; the first of a pair is linear, the second angular."""
 
-COMMAND = np.dtype([("position", "f8", 3), ("quaternion", "f8", 4), ("force", "f8", 3), ("hand", "f8", 4)], align=True)
-"""The goal of one control step: pose in the world, force of the tool on the world [N], hand joint angles [rad]."""
+COMMAND = np.dtype(
+    [
+        ("position", "f8", 3),
+        ("quaternion", "f8", 4),
+        ("force", "f8", 3),
+        ("hand", "f8", 4),
+        ("sensor_error", "f8", 6),
+    ],
+    align=True,
+)
+"""What one control step is given: the goal's pose in the world, force of the tool on the world [N], hand joint angles [rad];
+and by how much the wrist sensor errs, force [N] and torque [N m], world axes."""
 
 MEMORY = np.dtype(
     [

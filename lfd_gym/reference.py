@@ -10,12 +10,18 @@ from lfd_gym import attractor, contact, quaternion
 
 Array = NDArray[np.float64]
 
+SHOULDER, WRIST, POINTING = 1, 5, 6
+"""Joints whose anchors are the centres of shoulder and wrist, and the one about whose axis the hand turns."""
+
 
 @njit(cache=True)
-def move_reference(settings, command, memory, tool: Array, tool_quaternion, error: Array, feed: Array) -> None:  # type: ignore[no-untyped-def]
+def move_reference(  # type: ignore[no-untyped-def]
+    settings, command, memory, tool: Array, tool_quaternion, anchor: Array, axis: Array, error: Array, feed: Array
+) -> None:
     """Advances the reference by one tick; writes its error (6,) to the tool and its acceleration (6,).
 
-    Heun's rule: the reference follows the closed form of (2.1) to second order.
+    Heun's rule: the reference follows the closed form of (2.1) to second order. It stays within the arm's reach, of which
+    the joints' anchors and axes (world frame, as in `servo.tick`) tell.
     """
     s, c, m = settings[0], command[0], memory[0]
     d, velocity = m.direction, m.velocity
@@ -65,6 +71,7 @@ def move_reference(settings, command, memory, tool: Array, tool_quaternion, erro
     error[3], error[4], error[5] = quaternion.difference_(q, tool_quaternion)
     for i in range(3):
         error[i] = m.position[i] - tool[i]
+    _limit_reach(error, velocity, anchor[SHOULDER], anchor[WRIST], axis[POINTING], s.upper_arm, s.forearm, s.bend)
     for part in range(2):
         _limit_lead(error, velocity, m.tool_velocity, 3 * part, s.lead_limit[part])
     for i in range(3):
@@ -72,6 +79,44 @@ def move_reference(settings, command, memory, tool: Array, tool_quaternion, erro
     q = quaternion.multiply_(quaternion.from_rotation_vector_(error[3], error[4], error[5]), tool_quaternion)
     q = quaternion.normalised_(q)
     m.quaternion[0], m.quaternion[1], m.quaternion[2], m.quaternion[3] = q
+
+
+@njit(cache=True)
+def _limit_reach(
+    error: Array,
+    velocity: Array,
+    shoulder: Array,
+    wrist: Array,
+    pointing: Array,
+    upper_arm: float,
+    forearm: float,
+    bend: float,
+) -> None:
+    """A reference beyond the arm's reach is held at its border, along which it may still move.
+
+    The elbow w - b f is within the upper arm's length of the shoulder, with the wrist w and the forearm's length b. The
+    forearm's direction f is best that of a straight arm; where the wrist would have to bend farther than it can, that at the
+    wrist's limit which is next to it: cos(limit) t + sin(limit) u, with t where the hand is pointing and u at a right angle.
+    """
+    x, y, z = wrist[0] + error[0] - shoulder[0], wrist[1] + error[1] - shoulder[1], wrist[2] + error[2] - shoulder[2]
+    ahead = x * pointing[0] + y * pointing[1] + z * pointing[2]
+    length = math.sqrt(x * x + y * y + z * z)
+    fx, fy, fz = x, y, z
+    if ahead < bend * length:
+        aside = math.sqrt(max(length * length - ahead * ahead, 1e-18))
+        along = bend / math.sqrt(1.0 - bend * bend) * aside - ahead
+        fx, fy, fz = x + along * pointing[0], y + along * pointing[1], z + along * pointing[2]
+    share = forearm / math.sqrt(fx * fx + fy * fy + fz * fz)
+    x, y, z = x - share * fx, y - share * fy, z - share * fz
+    length = math.sqrt(x * x + y * y + z * z)
+    if length <= upper_arm:
+        return
+    outward = (x / length, y / length, z / length)
+    speed = outward[0] * velocity[0] + outward[1] * velocity[1] + outward[2] * velocity[2]
+    for i in range(3):
+        error[i] -= (length - upper_arm) * outward[i]
+        if speed > 0.0:
+            velocity[i] -= speed * outward[i]
 
 
 @njit(cache=True)

@@ -47,6 +47,8 @@ class Robot:
         self._write_settings(tool, stiffness)
         self._frames = np.array([model.body(name).id for name in frames], dtype=np.int64)
         self._guided_link, self._pushed_link = model.body("wam_link_7").id, model.body("wam_link_5").id
+        self.sensor_error: Array = self._command["sensor_error"][0]
+        """Of the wrist sensor (6,), force [N] and torque [N m] in world axes; what is felt and what is observed errs by it."""
         self._site = data.site(f"{tool}/tool")
         self._bind()
         self._memory_fields = {name: self._memory[name][0] for name in ("position", "quaternion", "hand")}
@@ -56,7 +58,7 @@ class Robot:
         n, s, model = wam.N_JOINTS, self._settings[0], self.model
         for name in ("alpha", "beta", "speed_limit", "turn_limit", "workspace_low", "workspace_high"):
             s[name] = getattr(self.layout, name)
-        s["dt"] = model.opt.timestep
+        s["dt"], (s["upper_arm"], s["forearm"], s["bend"]) = model.opt.timestep, wam.REACH
         s["stiffness"], s["damping"], s["integral"] = stiffness, 2.0 * np.sqrt(stiffness), 4.0 * stiffness
         s["integral_limit"], s["lead_limit"] = (4.0, 40.0), (0.03, 0.3)
         s["force_integral"], s["force_damping"], s["filter"] = 20.0, 20.0, 2.0 * np.pi * 20.0
@@ -90,7 +92,7 @@ class Robot:
         n = sum(size for _, size in sensing.measurements(self._handles.hand_addresses.size))
         bodies = (data.xpos, data.xquat, self._frames, layout.reference_quaternion)
         self._measure = bound(
-            sensing.observe, self._settings, self._memory, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
+            sensing.observe, *state, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
             *bodies, call=(np.zeros(n + 7 * self._frames.size),),
         )  # fmt: skip
 

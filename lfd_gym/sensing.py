@@ -42,6 +42,7 @@ def measurements(n_hand: int) -> tuple[tuple[str, int], ...]:
 @njit(cache=True)
 def observe(  # type: ignore[no-untyped-def]
     settings,
+    command,
     memory,
     qpos,
     qvel,
@@ -76,6 +77,7 @@ def observe(  # type: ignore[no-untyped-def]
         m.ticks = 0.0
     else:
         external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, flat[40:46])
+        flat[40:46] += command[0].sensor_error
     at = 46
     for i in range(s.n_hand):
         flat[at + i] = qpos[hand_joints[i]]

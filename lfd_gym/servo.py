@@ -20,6 +20,9 @@ from lfd_gym.action import decode_array
 
 Array = NDArray[np.float64]
 
+BEYOND = 0.01
+"""How far out of the workspace a regulated force may take the tool [m]."""
+
 
 @njit(cache=True)
 def tick(  # type: ignore[no-untyped-def]
@@ -67,37 +70,46 @@ def tick(  # type: ignore[no-untyped-def]
     n = controller.N_JOINTS
     jacobian, drift, error, feed = work[0:6, :7], work[6, :6], work[7, :6], work[8, :6]
     wrench, e_d, e_f, torque, xi = work[9, :6], work[10, :6], work[11, :6], work[12, :7], work[13, :7]
+    last, faster = work[9, 8:14], work[10, 8:14]
     full, selection, scratch = work[14:21, :7], work[14:20, 8:14], work[21:27]
     controller.arm_jacobian(anchor, axis, qvel, tool, jacobian, drift)
     for i in range(6):
-        m.tool_velocity[i] = 0.0
+        last[i], m.tool_velocity[i] = m.tool_velocity[i], 0.0
         for j in range(n):
             m.tool_velocity[i] += jacobian[i, j] * qvel[j]
 
     sensing.external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, wrench)
     m.ticks += 1
     for i in range(6):
+        wrench[i] += c.sensor_error[i]
         m.wrench_sum[i] += wrench[i]
     blend = 1.0 - math.exp(-s.dt * s.filter)
-    along = 0.0
+    along = inertial = 0.0
     magnitude = math.sqrt(c.force[0] * c.force[0] + c.force[1] * c.force[1] + c.force[2] * c.force[2])
+    for i in range(6):
+        faster[i] = m.tool_velocity[i] - last[i]
     for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        swung = faster[3 + j] * (tool_com[k] - tool[k]) - faster[3 + k] * (tool_com[j] - tool[j])
         m.pressed[i] += blend * (-wrench[i] - m.pressed[i])
         along += m.pressed[i] * c.force[i] / magnitude if magnitude > 0.0 else 0.0
+        inertial += s.tool_mass / s.dt * (faster[i] + swung) * c.force[i] / magnitude if magnitude > 0.0 else 0.0
     before = int(m.mode)
-    mode, timer = contact.advance(before, m.timer, m.direction, c.force, along, s.dt)
+    mode, timer = contact.advance(before, m.timer, m.direction, c.force, along, inertial, s.dt)
     d = m.direction
     if mode == contact.CONTACT:
         for i in range(3):
-            # a tool that is pulled out of the workspace stops at its border
-            if (d[i] > 0.0 and tool[i] > s.workspace_high[i]) or (d[i] < 0.0 and tool[i] < s.workspace_low[i]):
+            # a tool that is pulled out of the workspace comes back to its border
+            beyond = tool[i] - s.workspace_high[i] if d[i] > 0.0 else s.workspace_low[i] - tool[i]
+            if d[i] != 0.0 and beyond > BEYOND:
                 mode, timer = contact.APPROACH, 0.0
     m.mode, m.timer = mode, timer
     in_contact = mode == contact.CONTACT
     if (in_contact and before != contact.CONTACT) or not in_contact:
         m.force_integral = 0.0
 
-    reference.move_reference(settings, command, memory, tool, quaternion.from_matrix_(tool_rotation), error, feed)
+    turned = quaternion.from_matrix_(tool_rotation)
+    reference.move_reference(settings, command, memory, tool, turned, anchor, axis, error, feed)
     speed_along = 0.0
     for i in range(3):
         speed_along += d[i] * m.tool_velocity[i]
@@ -123,7 +135,7 @@ def tick(  # type: ignore[no-untyped-def]
 
     if m.guided:
         guidance.outside_hand(memory, impedance, tool, tool_rotation, guided_link, guided_wrench)
-        guidance.follow(memory, tool, quaternion.from_matrix_(tool_rotation))
+        guidance.follow(memory, tool, turned)
         for i in range(6):
             feed[i] = e_d[i] = e_f[i] = 0.0
 

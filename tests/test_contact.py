@@ -15,9 +15,9 @@ class Machine:
     def __init__(self, mode: int = FREE, direction: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         self.mode, self.timer, self.direction = mode, 0.0, np.array(direction, dtype=float)
 
-    def feel(self, force: np.ndarray, pressed: float, ticks: int = 1) -> int:
+    def feel(self, force: np.ndarray, pressed: float, ticks: int = 1, inertial: float = 0.0) -> int:
         for _ in range(ticks):
-            self.mode, self.timer = advance(self.mode, self.timer, self.direction, force, pressed, DT)
+            self.mode, self.timer = advance(self.mode, self.timer, self.direction, force, pressed, inertial, DT)
         return self.mode
 
 
@@ -51,6 +51,13 @@ def test_a_bump_shorter_than_20_ms_starts_the_count_again() -> None:
     for _ in range(5):
         assert machine.feel(DOWN, 5.0, 9) == APPROACH
         assert machine.feel(DOWN, 0.0, 1) == APPROACH
+
+
+def test_what_accelerates_the_tool_is_no_contact() -> None:
+    machine = Machine()
+    machine.feel(DOWN, 0.0)
+    assert machine.feel(DOWN, 5.0, 100, inertial=4.0) == APPROACH
+    assert machine.feel(DOWN, 5.0, 10, inertial=2.0) == CONTACT
 
 
 def test_a_pull_is_no_contact() -> None:

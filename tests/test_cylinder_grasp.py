@@ -26,6 +26,11 @@ def put(length, posture, yaw=0.4):
     return {"setup": {"cylinder": {"position": [0.6, 0.05], "yaw": yaw, "length": length, "posture": posture}}}
 
 
+def test_a_length_in_single_precision_is_that_length(env) -> None:
+    observation, _ = env.reset(seed=SEED, options=put(np.float32(0.24), "standing"))
+    assert observation["cylinder"][0] == pytest.approx(0.24, abs=1e-9)
+
+
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize(
     ("posture", "inclination"), [("standing", 0.0), ("upside down", math.pi), ("lying", math.pi / 2)]

@@ -1,5 +1,7 @@
 """Forces are regulated along any axis, also while it moves and turns; joint friction is on."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,13 +10,14 @@ from placed_arm import posture
 from scipy.spatial.transform import Rotation
 
 from lfd_gym import contact, quaternion, wam
+from lfd_gym.action import ActionLayout
 
 TOP = 0.10
 """Height of the surfaces [m]."""
 CENTRE, UP = np.array([0.60, 0.0, TOP]), np.array([0.0, 0.0, 1.0])
 
 
-def over_plane(tilt: float = 0.0) -> BareRobot:
+def over_plane(tilt: float = 0.0, layout: ActionLayout = LAYOUT) -> BareRobot:
     """A pen over a plate whose top passes through CENTRE, inclined by `tilt` degrees about the y axis."""
     spec = pen_spec()
     a = np.radians(tilt)
@@ -25,7 +28,7 @@ def over_plane(tilt: float = 0.0) -> BareRobot:
         pos=CENTRE - 0.02 * normal,
         quat=[np.cos(a / 2), 0, np.sin(a / 2), 0],
     )
-    return BareRobot(spec, "pen")
+    return BareRobot(spec, "pen", layout)
 
 
 def above(height: float) -> np.ndarray:
@@ -146,6 +149,32 @@ def test_before_contact_the_tool_approaches_at_3_cm_per_second_whatever_the_goal
     assert speed.max() < 1.2 * contact.GUARDED_SPEED
     bare.run(3.0)
     assert bare.memory["mode"] == contact.CONTACT
+
+
+@pytest.mark.parametrize("newtons", [1.0, 8.0, 18.0])
+@pytest.mark.parametrize("away", [0.0, 0.2])
+def test_a_tool_that_brakes_in_empty_air_feels_no_contact(newtons: float, away: float) -> None:
+    bare = over_plane()
+    start_over(bare, above(0.10))
+    bare.command(position=above(0.10 + away))
+    bare.run(0.3)
+    assert away == 0.0 or bare.memory["tool_velocity"][2] > 0.3
+    bare.command(force=[0.0, 0.0, -newtons])
+    speeds = []
+    for _ in bare.steps(2.0):
+        assert bare.memory["mode"] == contact.APPROACH
+        speeds.append(-bare.memory["tool_velocity"][2])
+    assert max(speeds) < 1.2 * contact.GUARDED_SPEED
+
+
+def test_a_border_of_the_workspace_does_not_end_a_slanted_press_at_it() -> None:
+    bare = over_plane(layout=replace(LAYOUT, workspace_high=np.array([CENTRE[0], 0.5, 0.6])))
+    start_over(bare, above(0.02))
+    d = np.array([0.05, 0.0, -1.0]) / np.hypot(0.05, 1.0)
+    bare.command(position=CENTRE, force=8.0 * d)
+    bare.run(3.0)
+    assert bare.memory["mode"] == contact.CONTACT
+    assert mean_force(bare, 1.0) @ d == pytest.approx(8.0, abs=tolerance(8.0))
 
 
 @pytest.mark.parametrize("newtons", [5.0, 10.0, 15.0])

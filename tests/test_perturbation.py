@@ -45,7 +45,8 @@ def pushed(body: str, which: int, **strengths: float) -> tuple[np.ndarray, np.nd
 def test_nothing_is_perturbed_by_default() -> None:
     schedule = Schedule(Perturbation(), 2)
     schedule.draw(np.random.default_rng(0))
-    assert not schedule.senses
+    assert not schedule.misplaces
+    assert not schedule.misreads
     assert not schedule.acts
     plain, zero = make("move-object").reset(seed=SEED)[0], make("move-object", perturbation={}).reset(seed=SEED)[0]
     assert all(np.array_equal(plain[key], zero[key]) for key in plain)
@@ -110,6 +111,31 @@ def test_the_wrench_is_noisy_and_biased_as_asked() -> None:
     biased = make("move-object", perturbation={"wrench_bias": 1.0})
     at_rest = [biased.reset(seed=seed)[0]["wrench"][:2] for seed in range(SEED, SEED + 40)]
     assert 0.7 < np.std(at_rest) < 1.3
+
+
+def test_a_biased_sensor_misleads_the_controller_as_well() -> None:
+    """A board is pressed until the sensor says what is commanded, so that the tip is off by the bias."""
+    env = make("whiteboard", perturbation={"wrench_bias": 0.7}).unwrapped
+    observation, _ = env.reset(seed=SEED + 4)
+    towards = env.press_direction(observation)
+    bias = env._schedule.misreading(env.np_random)[:3] @ towards
+    place = observation["frame_board_1"][:3] - 0.02 * towards
+    for force in [0.0] * 100 + [3.0] * 150:
+        action = env.action_layout.encode(place, observation["tool_quaternion"], force * towards)
+        observation, *_ = env.step(action)
+    said = -observation["wrench"][:3] @ towards
+    plain = make("whiteboard").unwrapped
+    plain.reset(seed=SEED)
+    plain.set_state(env.get_state())
+    true = -plain.step(action)[0]["wrench"][:3] @ towards
+    assert abs(bias) > 0.3
+    assert said == pytest.approx(3.0, abs=0.2)
+    assert true == pytest.approx(3.0 + bias, abs=0.2)
+
+
+def test_pushes_need_five_decisions_per_second() -> None:
+    with pytest.raises(InvalidArgumentError, match="pushes and slips need 5 or more"):
+        make("move-object", perturbation={"push_arm": 20.0}, control_hz=4.0)
 
 
 def test_a_push_moves_the_arm_while_it_lasts_and_only_then() -> None:

@@ -70,6 +70,8 @@ def test_what_is_hidden_is_not_in_the_first_observation(env: Any) -> None:
         ({"position": [np.nan, 0.0]}, "expected|possible"),
         ({"position": [0.6]}, "expected|possible"),
         ({"position": "here"}, "expected|possible"),
+        ({"position": ["0.6", "0.1"]}, "expected|possible"),
+        ({"position": [[0.6], 0.1]}, "expected|possible"),
         ({"yaw": np.nan}, "yaw nan"),
         ({"yaw": "north"}, "yaw 'north'"),
         ({"height": 1.0}, "'height' of"),
@@ -92,8 +94,10 @@ def test_setups_that_cannot_be_are_refused(env: Any, change: dict[str, Any], mes
 def test_unknown_objects_and_options_are_refused(env: Any) -> None:
     with pytest.raises(InvalidSetupError, match="no object 'teapot'"):
         env.reset(options={"setup": {"teapot": {"position": [0.6, 0.0]}}})
-    with pytest.raises(InvalidArgumentError, match="'setups' is unknown"):
+    with pytest.raises(InvalidArgumentError, match="possible: {'setup'"):
         env.reset(options={"setups": {}})
+    with pytest.raises(InvalidArgumentError, match="possible: {'setup'"):
+        env.reset(options=["setup"])
     with pytest.raises(InvalidSetupError, match="mapping"):
         env.reset(options={"setup": [1, 2]})
 

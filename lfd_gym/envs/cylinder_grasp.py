@@ -132,14 +132,14 @@ class CylinderGraspEnv(ManipulationEnv):
         reach = math.hypot(*pose["position"])
         if reach < NEAREST - 1e-9:
             raise InvalidSetupError(f"'cylinder' is {reach:.3f} m from the robot; possible: at least {NEAREST} m")
-        if pose["length"] not in LENGTHS:
+        if not any(math.isclose(pose["length"], length, rel_tol=1e-6) for length in LENGTHS):
             raise InvalidSetupError(f"length {pose['length']!r}; possible: {', '.join(map(str, LENGTHS))} m")
         if pose["posture"] not in POSTURES:
             raise InvalidSetupError(f"posture {pose['posture']!r}; possible: {', '.join(POSTURES)}")
 
     def randomise(self, rng: np.random.Generator) -> None:
         """The cylinder becomes as long as the setup says; its friction."""
-        length = float(self._setup["cylinder"]["length"])
+        length = min(LENGTHS, key=lambda length: abs(length - self._setup["cylinder"]["length"]))
         chosen = self._of_length[length]
         self._contype *= chosen
         self._conaffinity *= chosen

@@ -15,8 +15,8 @@ from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import arguments, measured, setups
 from lfd_gym.envs.arguments import PHYSICS_HZ
-from lfd_gym.errors import InvalidArgumentError, InvalidSetupError, UnknownNameError
-from lfd_gym.perturbation import SLIPPERY, Perturbation, Schedule
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError
+from lfd_gym.perturbation import PUSH_TIME, SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
 Array = NDArray[np.float64]
@@ -54,8 +54,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         reward_type: "sparse" or "dense".
         control_hz: decisions per second; divides the physics rate of 500 Hz.
         terminate_on_success: end the episode when success has held for a second.
-        fingertip_friction: sliding friction between the fingertips and all that they touch, at most 1.2. None: 1.0, or the
-            object's own friction where it varies in a grasp (BoxStacking, CylinderGrasp).
+        fingertip_friction: sliding friction between the fingertips and all that they touch, at most 1.2; their torsional
+            friction then counts as well. None: 1.0, or the object's own friction where it varies in a grasp (BoxStacking,
+            CylinderGrasp).
         perturbation: strengths of what goes wrong, names and units as in `lfd_gym.perturbation.Perturbation`.
         render_mode: None, "rgb_array" or "human".
         width, height: of rendered frames [px].
@@ -124,6 +125,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
 
         self.perturbation = Perturbation.of(perturbation)
         self._schedule = Schedule(self.perturbation, len(self.frames))
+        if self._schedule.acts and self.dt > PUSH_TIME + 1e-9:
+            raise InvalidArgumentError(f"control_hz {control_hz!r}; pushes and slips need {1.0 / PUSH_TIME:g} or more")
         spec = wam.scene_spec(self.scene, self.tool, self.tool_offset)
         self.model = spec.compile()
         cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
@@ -208,15 +211,14 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         Raises:
             InvalidSetupError: an object is unknown, out of reach, or overlaps another; the episode before goes on.
         """
-        unknown = set(options or ()) - {"setup"}
-        if unknown:
-            raise InvalidArgumentError(f"reset option {min(map(repr, unknown))} is unknown; possible: setup")
+        if not isinstance(options, Mapping | None) or set(options or ()) - {"setup"}:
+            raise InvalidArgumentError(f"reset options {options!r}; possible: {{'setup': {{object: {{...}}}}}}")
         before = copy.deepcopy(self._np_random), self._np_random_seed
         super().reset(seed=seed)
         wanted, rng = (options or {}).get("setup"), self.np_random
         try:
             self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
-        except InvalidSetupError:
+        except Exception:
             self._np_random, self._np_random_seed = before
             raise
         mujoco.mj_resetData(self.model, self.data)
@@ -231,6 +233,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         if self._schedule.acts:
             self._perturb(-self.dt)
         self.robot.reset()
+        if self._schedule.misreads:
+            self.robot.sensor_error[:] = self._schedule.misreading(rng)
         self._held = 0.0
         self.after_physics()
         observation = self._observe()
@@ -243,6 +247,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.robot.command(action)
         if self._schedule.acts:
             self._perturb(self.data.time)
+        if self._schedule.misreads:
+            self.robot.sensor_error[:] = self._schedule.misreading(self.np_random)
         model, data, tick, watch = self.model, self.data, self.robot.tick, self.watch
         for _ in range(self._n_substeps):
             tick()
@@ -398,8 +404,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     def _observe(self) -> dict[str, Array]:
         flat = np.zeros(self._low.size)
         self._broken = not self.robot.observe(flat)
-        if self._schedule.senses:
-            self._schedule.sense(flat[self._tracked], flat[self._slices["wrench"]], self.np_random)
+        if self._schedule.misplaces:
+            self._schedule.misplace(flat[self._tracked])
         observation = {key: flat[where] for key, where in self._slices.items()}
         self.derive(observation)
         if self._broken:

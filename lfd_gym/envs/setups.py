@@ -41,6 +41,7 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
         for key, value in pose.items():
             if isinstance(fresh[name][key], float) and not _is_finite(value):
                 raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a finite number")
+    wanted = {name: {key: _plain(value) for key, value in pose.items()} for name, pose in wanted.items()}
     nothing_to_draw = all(set(wanted.get(name, ())) == set(pose) for name, pose in fresh.items())
     faults: Counter[str] = Counter()
     for _ in range(ATTEMPTS):
@@ -53,7 +54,7 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
             faults[str(error)] += 1
             fresh = sample()
             continue
-        return {name: {key: _plain(value) for key, value in pose.items()} for name, pose in setup.items()}
+        return setup
     fault, times = faults.most_common(1)[0]
     # what is wrong with the named objects themselves is wrong again and again
     raise InvalidSetupError(fault if times > 1 else f"no room for what the setup does not name: for example, {fault}")
@@ -89,10 +90,8 @@ def check_apart(setup: Mapping[str, Any], low: ArrayLike, high: ArrayLike, dista
 
 def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> None:
     """Raise InvalidSetupError where an object does not stand in its area (x, y) [m]."""
-    try:
-        p = np.asarray(position, dtype=np.float64)
-    except (TypeError, ValueError):
-        p = np.empty(0)
+    numbers = isinstance(position, list) and all(isinstance(x, float) for x in position)
+    p = np.array(position if numbers else [])
     if p.shape != (2,) or not np.isfinite(p).all():
         raise InvalidSetupError(f"position {position!r} of '{name}'; expected [x, y] in metres")
     (x0, y0), (x1, y1) = np.asarray(low).tolist(), np.asarray(high).tolist()
@@ -113,7 +112,12 @@ def _is_finite(value: Any) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    return value if isinstance(value, str) else np.asarray(value, dtype=np.float64).tolist()
+    """Numbers as floats of Python; whatever else there is as it is, for `check` to refuse."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return value
+    return array.astype(np.float64).tolist() if array.dtype.kind in "iuf" else value
 
 
 def upright(yaw: float) -> NDArray[np.float64]:
