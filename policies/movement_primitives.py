@@ -90,9 +90,7 @@ def learn_primitives(
     mean = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     goal, grip, force = np.zeros((n, N_COORDINATES)), np.zeros((n, 4)), np.zeros((n, 3))
     speed, acceleration = np.zeros((2, n))
-    parts = [(m, s) for m, demonstration in enumerate(demonstrations) for s in segments(demonstration.labels)]
-    shown = {k: [(m, slice(s.start, s.stop + 1)) for m, s in parts if s.label == k] for k in range(n)}
-    shown = {k: own for k, own in shown.items() if own}
+    shown = _shown(demonstrations)
     for k in shown:
         ends = [(m, at.stop - 1) for j in table.alike(k, ORIENTATION.start, shown) for m, at in shown[j]]
         frame = int(table.orientation_frame[k])
@@ -111,8 +109,9 @@ def learn_primitives(
         for k, own in shown.items()
     }
     for k, own in shown.items():
-        whole = [part for part, off in zip(own, broken_off[k], strict=True) if not off] or own
-        paces = np.median([_pace(measurements[m].position[at], dt) for m, at in whole], axis=0)
+        pairs = list(zip(own, paths[k], strict=True))
+        whole = [pair for pair, off in zip(pairs, broken_off[k], strict=True) if not off] or pairs
+        paces = np.median([_pace(measurements[m].position[at], dt) for (m, at), _ in whole], axis=0)
         speed[k], acceleration[k] = np.maximum(paces, (SLOWEST, GENTLEST))
         if table.space[k] == CYLINDRICAL:
             _unwrap([x for j in table.alike(k, 1, shown) for x in paths[j]])
@@ -124,14 +123,29 @@ def learn_primitives(
             _check_shared(names, begun, _apart(table, goal, k, int(i)))
             goal[k, i] = _goal(list(begun.values()), time, dead_band, dt)
         if "hand_torque" in demonstrations[0].observations:
-            torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for m, at in own])
+            torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for (m, at), _ in whole])
             presses = np.abs(torque) > PRESSES
             sign = np.sign((torque * presses).sum(axis=0)) * (presses.mean(axis=0) >= PRESSED_SHARE)
             grip[k] = GRIP * sign * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
-            forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for m, at in own]
-            force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for x in paths[k]])
+            forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for (m, at), _ in whole]
+            force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for _, x in whole])
     return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed, acceleration)
+
+
+def _shown(demonstrations: Sequence[Demonstration]) -> dict[int, list[tuple[int, slice]]]:
+    """Primitive -> its segments, as indices of demonstrations and slices of their observations.
+
+    Where a failed demonstration broke off says nothing about a primitive that a successful one shows: its last segment is
+    left out there.
+    """
+    parts = [(m, s) for m, demonstration in enumerate(demonstrations) for s in segments(demonstration.labels)]
+    solved = {s.label for m, s in parts if demonstrations[m].success}
+    shown: dict[int, list[tuple[int, slice]]] = {k: [] for k in sorted({s.label for _, s in parts})}
+    for m, s in parts:
+        if demonstrations[m].success or s.stop < len(demonstrations[m]) or s.label not in solved:
+            shown[s.label].append((m, slice(s.start, s.stop + 1)))
+    return shown
 
 
 def _breaks_off(x: Array, dead_band: Array, dt: float) -> bool:

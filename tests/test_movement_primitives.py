@@ -1,4 +1,4 @@
-"""Goals and grips from demonstrations as they come: broken off, pressing now and then, turning by more than half a turn."""
+"""What is learned from demonstrations as they come: broken off, pressing now and then, turning by more than half a turn."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,15 +9,22 @@ import pytest
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.recording import record
-from policies.features import HAND, ORIENTATION, POSITION, measure, primitive_table
+from policies.features import CONTROLLED, HAND, ORIENTATION, POSITION, measure, primitive_table
 from policies.movement_primitives import MovementPrimitives, learn_primitives
 from policies.sequence_graph import segments
+from policies.task_space import CYLINDRICAL
+from scripted_teachers.box_flipping import BoxFlippingTeacher
 from scripted_teachers.move_object import MoveObjectTeacher
 
 
 @pytest.fixture(scope="module")
 def shown() -> list[Demonstration]:
     return record("move-object", MoveObjectTeacher(noise=1.0), n=3, seed=0).demonstrations
+
+
+@pytest.fixture(scope="module")
+def flips() -> list[Demonstration]:
+    return record("box-flipping", BoxFlippingTeacher(noise=1.0), n=3, seed=0).demonstrations
 
 
 def learn(demonstrations: Sequence[Demonstration]) -> MovementPrimitives:
@@ -31,7 +38,7 @@ def row(primitives: MovementPrimitives, name: str) -> int:
     return next(i for i, full in enumerate(primitives.names) if name in full)
 
 
-def cut(demonstration: Demonstration, n: int) -> Demonstration:
+def cut(demonstration: Demonstration, n: int, success: bool = True) -> Demonstration:
     """Its first n steps."""
     return dataclasses.replace(
         demonstration,
@@ -40,7 +47,14 @@ def cut(demonstration: Demonstration, n: int) -> Demonstration:
         rewards=demonstration.rewards[:n],
         states=demonstration.states[: n + 1],
         labels=demonstration.labels[:n],
+        success=success,
     )
+
+
+def part(demonstration: Demonstration, name: str) -> slice:
+    """The steps of a primitive's first segment."""
+    k = next(i for i, row in enumerate(demonstration.primitives) if name in row.name)
+    return next(slice(s.start, s.stop) for s in segments(demonstration.labels) if s.label == k)
 
 
 @pytest.mark.parametrize("steps", [1, 4, 8, 12])
@@ -51,6 +65,24 @@ def test_a_recording_that_breaks_off_after_a_transition_moves_no_goal(shown, nam
     begin = next(s.start for s in segments(shown[2].labels) if s.label == k)
     broken = learn([*shown[:2], cut(shown[2], begin + steps)])
     np.testing.assert_allclose(broken.goal[k, POSITION], learn(shown[:2]).goal[k, POSITION], atol=0.01)
+
+
+def test_a_failed_recording_moves_no_goal_and_no_force_wherever_it_breaks_off(flips) -> None:
+    """Also in a press or a slow start, which looks like a movement that came to rest."""
+    whole = learn(flips[:2])
+    most = np.full(whole.goal.shape, 0.1)
+    most[:, POSITION] = np.where((whole.table.space == CYLINDRICAL)[:, None], [0.015, 0.1, 0.015], 0.015)
+    for n in range(part(flips[2], "push").start + 4, len(flips[2]), 4):
+        broken, k = learn([*flips[:2], cut(flips[2], n, success=False)]), flips[2].labels[n - 1]
+        off = np.abs(broken.goal - whole.goal) * (whole.table.modes == CONTROLLED)
+        assert (off[k] <= most[k]).all()
+        np.testing.assert_allclose(broken.force[k], whole.force[k], atol=1.0)
+
+
+def test_a_press_that_breaks_off_presses_no_less(flips) -> None:
+    """Nor where no recording says that it failed: it had not moved."""
+    broken = [cut(d, part(d, "flip").start + 3) for d in flips[1:]]
+    np.testing.assert_array_equal(learn([flips[0], *broken]).force, learn(flips[:1]).force)
 
 
 def test_a_movement_that_ends_a_recording_counts_where_it_did_not_need_to_move(shown) -> None:
