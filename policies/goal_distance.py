@@ -86,7 +86,7 @@ def _width(data: PassageData, k: int, distance: Callable[[Array], Array], smalle
             elif arrival > 0:
                 groups.setdefault("on the way", []).append(d[:arrival])
             if kind == "entity" and not data.stopped_early(p):
-                groups.setdefault(END if p.exit == END else data.graph.labels[p.exit], []).append(d[arrival:])
+                groups.setdefault(END if p.exit < 0 else data.graph.labels[p.exit], []).append(d[arrival:])
     return goal_distance_width(groups, smallest)
 
 

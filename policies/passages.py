@@ -13,7 +13,7 @@ state just after it, and a skill that learned "before is stay" waits at the goal
    demonstrator are farther apart. One that was stopped early, where most to the same exit arrived, says nothing about it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +36,8 @@ WIDER = 2.0
 """Where most passages ended at rest: the same in medians of their distances."""
 MOVING = 3
 """Samples: a passage that was nearer to its end for less than this did not rest there."""
-END = -1
-"""Exit of a passage with which a demonstration ended."""
+END, BROKEN_OFF = -1, -2
+"""Exits of a passage with which a demonstration ended, and with which it broke off, which shows no exit."""
 
 
 class Passage(NamedTuple):
@@ -50,18 +50,21 @@ class Passage(NamedTuple):
     stop: int
     """Last observation, which the teacher saw when it switched."""
     exit: int
-    """Next node, or END."""
+    """Next node, END or BROKEN_OFF."""
 
 
-def passages(graph: SequenceGraph, labels: Sequence[NDArray[np.int64]]) -> list[Passage]:
+def passages(
+    graph: SequenceGraph, labels: Sequence[NDArray[np.int64]], broken_off: Collection[int] = ()
+) -> list[Passage]:
     """Every demonstration cut at its transition points, in order; node 0 is left at its first observation."""
     node_at = {point: b for (_, b), points in graph.transitions.items() for point in points}
     result = []
     for m, sequence in enumerate(labels):
         parts = segments(sequence)
         nodes = [node_at[TransitionPoint(m, part.start)] for part in parts]
+        last = BROKEN_OFF if m in broken_off else END
         result.append(Passage(m, 0, 0, 0, nodes[0]))
-        for part, node, following in zip(parts, nodes, [*nodes[1:], END], strict=True):
+        for part, node, following in zip(parts, nodes, [*nodes[1:], last], strict=True):
             result.append(Passage(m, node, part.start, part.stop, following))
     return result
 
@@ -77,11 +80,12 @@ class PassageData:
         labels: Sequence[NDArray[np.int64]],
         named: NamedObservations,
         observed: Sequence[Array],
+        broken_off: Collection[int] = (),
     ) -> None:
-        """observed: per demonstration the scaled named observations (T + 1, D)."""
+        """observed: per demonstration the scaled named observations (T + 1, D); broken_off: demonstrations without an end."""
         self.graph, self.primitives, self.named, self._observed = graph, primitives, named, observed
         self._motions = [c for c, key in enumerate(named.keys) if key.startswith(MOTION)]
-        self.passages = passages(graph, labels)
+        self.passages = passages(graph, labels, broken_off)
         self.labels = sorted({label for label in graph.labels if label >= 0})
         self._deviations = {
             (m, k): deviations(
@@ -142,7 +146,7 @@ class PassageData:
         labels = self.graph.labels
         following = {labels[e] for e in self.graph.successors(node)}
         elsewhere = p.node != node and labels[p.node] == labels[node]
-        return elsewhere and (p.exit == END or labels[p.exit] not in following)
+        return elsewhere and (p.exit < 0 or labels[p.exit] not in following)
 
     def stopped_early(self, p: Passage) -> bool:
         """Whether a passage missed a goal that most passages to its exit reached (rule 2)."""

@@ -8,7 +8,7 @@ of its graph.
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -255,13 +255,16 @@ def _ordered(graph: SequenceGraph) -> SequenceGraph:
 
 
 def global_graph(
-    demonstrations: Sequence[ArrayLike], fold_repetitions: bool = True, match: Literal["label", "inputs"] = "label"
+    demonstrations: Sequence[ArrayLike],
+    fold_repetitions: bool = True,
+    match: Literal["label", "inputs"] = "label",
+    broken_off: Collection[int] = (),
 ) -> SequenceGraph:
     """Global sequence graph (2.3.2) of the labels (T_m,) of every demonstration.
 
     fold_repetitions=False keeps a demonstrated number of repetitions (end of 2.3.2). With match="label", demonstrations that
     end with the same primitive end in the same node: what follows there does not depend on the way to it, so that an error
-    recovery (2.5.3) that one of them shows is known to all.
+    recovery (2.5.3) that one of them shows is known to all. Those that are broken off, by their indices, show no end.
     """
     graphs = [chain(labels, m) for m, labels in enumerate(demonstrations)]
     if fold_repetitions:
@@ -269,17 +272,17 @@ def global_graph(
     result = graphs[0] if match == "inputs" else _unite_equal_successors(graphs[0])
     for graph in graphs[1:]:
         result = merge(result, graph, match)
-    return _ordered(_unite_ends(result) if match == "label" else result)
+    return _ordered(_unite_ends(result, broken_off) if match == "label" else result)
 
 
-def _unite_ends(graph: SequenceGraph) -> SequenceGraph:
+def _unite_ends(graph: SequenceGraph, broken_off: Collection[int]) -> SequenceGraph:
     """Quotient in which the nodes of one primitive with which demonstrations end are one."""
     last: dict[int, tuple[int, int]] = {}
     for (_, node), points in graph.transitions.items():
         for point in points:
             last[point.demonstration] = max(last.get(point.demonstration, (-1, -1)), (point.step, node))
     parent, first = list(range(graph.n_nodes)), dict[int, int]()
-    for node in sorted({node for _, node in last.values()}):
+    for node in sorted({node for m, (_, node) in last.items() if m not in broken_off}):
         parent[node] = first.setdefault(graph.labels[node], node)
     return _unite_equal_successors(graph.merged(parent))
 

@@ -96,14 +96,17 @@ class SequenceGraphLearner(Learner):
         labels = [demonstration.labels for demonstration in demonstrations]
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
         _warn_of_missing_forces(primitives, labels)
-        graph = self._sequence_graph(labels)
+        failed = [m for m, demonstration in enumerate(demonstrations) if not demonstration.success]
+        broken_off = failed if len(failed) < len(demonstrations) else []
+        graph = self._sequence_graph(labels, broken_off)
         wanted = () if self.observations is None and self.feature == "primitive" else self.observations
         seen = [
             {**demonstration.observations, **motion_observations(measured, demonstration.labels, table.frames)}
             for demonstration, measured in zip(demonstrations, measurements, strict=True)
         ]
         named = named_observations(seen, wanted)
-        data = PassageData(graph, primitives, measurements, labels, named, [named.scaled(values) for values in seen])
+        scaled = [named.scaled(values) for values in seen]
+        data = PassageData(graph, primitives, measurements, labels, named, scaled, broken_off)
         transitions = TransitionData(data, self.feature)
         settings: dict[str, Any] = {"C": self.C} | ({"kernel": self.kernel} if self.classifier == "svm" else {})
         node_learner = NodeLearner(
@@ -158,9 +161,9 @@ class SequenceGraphLearner(Learner):
             raise DemonstrationError("every demonstration is an outlier; outliers='keep' learns from them all the same")
         return [demonstration for i, demonstration in enumerate(demonstrations) if i not in left_out]
 
-    def _sequence_graph(self, labels: Sequence[NDArray[np.int64]]) -> SequenceGraph:
+    def _sequence_graph(self, labels: Sequence[NDArray[np.int64]], broken_off: Sequence[int]) -> SequenceGraph:
         if self.graph == "global":
-            return global_graph(labels, self.fold, self.match)
+            return global_graph(labels, self.fold, self.match, broken_off)
         return GRAPHS[self.graph](labels)
 
     def _summary(self) -> str:

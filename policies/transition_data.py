@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from policies.conditions import Conditions, Seen, Waits
 from policies.features import goal_distances
 from policies.goal_distance import Feature, goal_distance_features, observed_features, whole_way_features
-from policies.passages import END, Passage, PassageData
+from policies.passages import BROKEN_OFF, END, Passage, PassageData
 
 Array = NDArray[np.float64]
 
@@ -94,7 +94,7 @@ class TransitionData:
     def _ends(self, node: int) -> bool:
         """Whether to stop here was shown. A recording ends when the task is solved: a single one that ended where all others
         went on shows nothing."""
-        through = {p.demonstration for p in self.data.passages if p.node == node}
+        through = {p.demonstration for p in self.data.passages if p.node == node and p.exit != BROKEN_OFF}
         ended = {p.demonstration for p in self.data.passages if p.node == node and p.exit == END}
         return len(ended) > 1 or (len(ended) == 1 and len(through) == 1)
 

@@ -8,10 +8,12 @@ import pytest
 
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
+from lfd_gym.evaluation import evaluate
 from lfd_gym.recording import record
 from policies.features import CONTROLLED, HAND, ORIENTATION, POSITION, measure, primitive_table
 from policies.movement_primitives import MovementPrimitives, learn_primitives
 from policies.sequence_graph import segments
+from policies.sequence_graph_learner import SequenceGraphLearner
 from policies.task_space import CYLINDRICAL
 from scripted_teachers.box_flipping import BoxFlippingTeacher
 from scripted_teachers.move_object import MoveObjectTeacher
@@ -83,6 +85,16 @@ def test_a_press_that_breaks_off_presses_no_less(flips) -> None:
     """Nor where no recording says that it failed: it had not moved."""
     broken = [cut(d, part(d, "flip").start + 3) for d in flips[1:]]
     np.testing.assert_array_equal(learn([flips[0], *broken]).force, learn(flips[:1]).force)
+
+
+def test_where_failed_recordings_break_off_is_no_end(shown) -> None:
+    broken = [cut(d, part(d, "grasp").stop, success=False) for d in shown[1:]]
+    with pytest.warns(UserWarning, match="not solved in demonstration 1, 2"):
+        skill = SequenceGraphLearner().fit([shown[0], *broken]).skill_
+    for i, node in enumerate(skill.nodes[:-1]):
+        assert i not in node.targets[1:]
+        assert np.isfinite(node.patience)
+    assert evaluate("move-object", skill, episodes=1, seed=100000).success_rate == 1.0
 
 
 def test_a_movement_that_ends_a_recording_counts_where_it_did_not_need_to_move(shown) -> None:

@@ -171,6 +171,11 @@ def test_equal_neighbours_collapse():
     assert [tuple(s) for s in segments([3, 3, 1, 1, 1, 3])] == [(3, 0, 2), (1, 2, 5), (3, 5, 6)]
 
 
+def test_only_demonstrations_with_an_end_end_in_the_same_node():
+    assert global_graph([labels("ABX"), labels("ADX")]).n_nodes == 5
+    assert global_graph([labels("ABX"), labels("ADX")], broken_off=[1]).n_nodes == 6
+
+
 def test_graph_round_trips_through_its_dictionary():
     graph = global_graph([labels("ABCBCD"), labels("ABD")])
     assert SequenceGraph.from_dict(graph.to_dict()) == graph
