@@ -28,6 +28,7 @@ State = tuple[NDArray[Any], ...]
 class Skill(ABC):
     """A learned policy: immutable, picklable, and a predictor in Stable-Baselines3's sense.
 
+    The arrays that it is given become read-only, those of a copy or a pickle are not.
     A subclass states `kind`, the key under which `policies.SKILLS` finds it, and implements `start`, `decide`,
     `to_arrays` and `from_arrays`.
     """
@@ -37,6 +38,10 @@ class Skill(ABC):
     def __init__(self, env_id: str, taught_seeds: tuple[int, ...], metadata: Mapping[str, Any]) -> None:
         """env_id it was taught in, reset seeds of the demonstrations, and JSON-able facts for reports."""
         self.env_id, self.taught_seeds, self.metadata = env_id, tuple(taught_seeds), dict(metadata)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        _freeze(value)
+        super().__setattr__(name, value)
 
     @abstractmethod
     def start(self, n: int) -> State:
@@ -94,6 +99,15 @@ class Skill(ABC):
         with written_whole(path) as temporary, open(temporary, "wb") as file:
             everything: dict[str, Any] = {HEADER: np.array(header), **arrays}
             np.savez(file, **everything)
+
+
+def _freeze(value: Any) -> None:
+    """Make every array in nested tuples and lists read-only."""
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, tuple | list):
+        for part in value:
+            _freeze(part)
 
 
 def read_skill_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -1,5 +1,6 @@
 """What every learner in the registry and its skill keep, on demonstrations of the simulated robot."""
 
+import copy
 import dataclasses
 import hashlib
 
@@ -95,6 +96,18 @@ def test_fit_leaves_its_input_untouched_and_twice_is_once(method: str, skill, ta
     learner.fit(taught)
     assert digest(taught) == before
     assert np.array_equal(actions_of(learner.skill_, seen(taught[1])), actions_of(skill, seen(taught[1])))
+
+
+def test_what_a_skill_learned_is_read_only(skill, tmp_path) -> None:
+    skill.save(tmp_path / "skill.npz")
+    for learned in (skill, load_skill(tmp_path / "skill.npz")):
+        arrays = learned.to_arrays()[1]
+        assert arrays
+        for array in arrays.values():
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0
+    for array in copy.deepcopy(skill).to_arrays()[1].values():
+        array[...] = 0
 
 
 def test_a_skill_survives_its_file(skill, taught: list[Demonstration], tmp_path) -> None:
