@@ -20,7 +20,7 @@ from policies.named_observations import named_observations
 from policies.node_learner import NodeLearner
 from policies.object_motion import motion_observations
 from policies.outliers import LEAST_FORCE, find_outliers
-from policies.passages import PassageData
+from policies.passages import BROKEN_OFF, PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
 from policies.sequence_graph_skill import SequenceGraphSkill, longest_stillness
 from policies.task_space import AXES
@@ -114,7 +114,7 @@ class SequenceGraphLearner(Learner):
         )
         nodes = []
         for node in range(graph.n_nodes):
-            own = [p for p in data.passages if p.node == node]
+            own = [p for p in data.passages if p.node == node and p.exit != BROKEN_OFF]
             frame = int(table.position_frame[graph.labels[node]]) if node else 0
             still = [longest_stillness(measurements[p.demonstration], p.start, p.stop, frame) for p in own]
             nodes.append(node_learner.learn(node, transitions.node(node), max(still, default=0)))
