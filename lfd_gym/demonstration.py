@@ -11,6 +11,7 @@ Demonstrations are kept in one HDF5 file in the layout that robomimic reads, wit
 There are no time stamps: equal demonstrations give equal bytes. Nothing in a file is ever executed.
 """
 
+import io
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -154,10 +155,14 @@ def check_same_environment(demonstrations: Sequence[Demonstration]) -> str:
 
 
 def save_demonstrations(path: str | os.PathLike[str], demonstrations: Sequence[Demonstration]) -> None:
-    """Write all demonstrations into one file, whole or not at all; DemonstrationError if there are none."""
+    """Write all demonstrations into one file, whole or not at all; DemonstrationError if there are none.
+
+    The file is made in memory, for HDF5 does not recover from a disk that is full.
+    """
     if not demonstrations:
         raise DemonstrationError("no demonstrations to save; at least one is needed")
-    with written_whole(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+    memory = io.BytesIO()
+    with h5py.File(memory, "w", libver=("v110", "v110")) as file:
         data = file.create_group("data")
         first = demonstrations[0]
         env_args = {"env_name": first.env_id, "type": "gymnasium", "env_kwargs": dict(first.env_kwargs)}
@@ -166,6 +171,8 @@ def save_demonstrations(path: str | os.PathLike[str], demonstrations: Sequence[D
         data.attrs["env_args"] = _to_json(env_args)
         for i, demonstration in enumerate(demonstrations):
             _write(data.create_group(f"demo_{i}"), demonstration)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(memory.getbuffer())
 
 
 def load_demonstrations(path: str | os.PathLike[str]) -> list[Demonstration]:

@@ -41,23 +41,30 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path in the same folder that takes the place of `path` only if the block succeeds.
 
     The folder is made if it is missing; of a symbolic link, the file that it names is written. Raises InvalidArgumentError
-    where nothing can be written.
+    where it cannot be written, be it only in the block because the disk is full.
     """
     path = Path(path).resolve()
     check_writable(path)
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            temporary.chmod(0o666 & ~_umask())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Raise InvalidArgumentError for what the operating system refuses while the block writes `path`."""
+    try:
+        yield
     except OSError as error:
         raise InvalidArgumentError(f"cannot write '{path}': {error.strerror or error}") from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _umask() -> int:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import h5py
+import kinematic_world
 import numpy as np
 import pytest
 import toy
@@ -121,6 +122,45 @@ def test_no_file_takes_the_place_of_a_pipe_or_of_a_link(tmp_path) -> None:
         temporary.write_text("after")
     assert link.is_symlink()
     assert file.read_text() == "after"
+
+
+@pytest.mark.parametrize(
+    ("command", "out"),
+    [
+        (["teach", toy.ENV_ID, "-n", "1", "--out"], "OUT.h5"),
+        (["learn", "replay", "DEMOS", "--out"], "OUT.npz"),
+        (["evaluate", "teacher", toy.ENV_ID, "-n", "2", "--json"], "OUT.json"),
+    ],
+)
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(command, out, monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr("scripted_teachers.TEACHERS", TEACHERS)
+    save_demonstrations(tmp_path / "demos.h5", [kinematic_world.teach(0)])
+    file = tmp_path / out
+    arguments = [a.replace("DEMOS", str(tmp_path / "demos.h5")) for a in [*command, str(file)]]
+    assert cli.main(arguments) == 0
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    program = (
+        f"import resource, sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "import scripted_teachers, toy; from lfd_gym import cli\n"
+        f"scripted_teachers.TEACHERS = {TEACHERS}\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (256, 256))\n"
+        f"sys.exit(cli.main({arguments!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == f"lfd-gym: cannot write '{file}': File too large\n"
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_file_that_was_written_whole_is_as_readable_as_any_other(tmp_path) -> None:
+    for mask in (0o022, 0o027):
+        before = os.umask(mask)
+        try:
+            with written_whole(tmp_path / "file"):
+                pass
+        finally:
+            os.umask(before)
+        assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~mask
 
 
 def test_without_a_command_the_help_is_shown(capsys) -> None:
