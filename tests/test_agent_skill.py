@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfd_gym.errors import DemonstrationError, SkillFileError
+from lfd_gym import cli_names
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SkillFileError
 from lfd_gym.recording import record
 from lfd_gym.registry import make
 from lfd_gym.view import View
@@ -115,3 +116,30 @@ def test_cloning_says_what_it_misses_and_passes_over_what_does_not_move() -> Non
         for taught in ([shown, replace(shown, observations=still)], [shown])
     ]
     assert cloned[0].losses_ == cloned[1].losses_
+
+
+def test_cloning_refuses_impossible_arguments_with_what_is_possible() -> None:
+    pytest.importorskip("torch", reason="the rl extra is not installed")
+    from policies.reinforcement.behaviour_cloning import BehaviourCloning
+
+    taught = record("move-object", MoveObjectTeacher(noise=0.0), n=1, seed=0).demonstrations
+    for name, value, possible in [
+        ("seed", "abc", "a whole number from 0 on"),
+        ("seed", -1, "a whole number from 0 on"),
+        ("skips_pauses", 3, "True, False"),
+    ]:
+        with pytest.raises(InvalidArgumentError, match=f"{name} is {value!r}; possible: {possible}"):
+            BehaviourCloning(updates=1, **{name: value}).fit(taught)
+
+
+def test_cloning_of_chunks_has_the_same_parameters_and_can_be_cloned() -> None:
+    pytest.importorskip("torch", reason="the rl extra is not installed")
+    from sklearn.base import clone
+
+    from policies.reinforcement.behaviour_cloning import BehaviourCloning, ChunkedBehaviourCloning
+
+    chunked = clone(ChunkedBehaviourCloning(width=8).set_params(executed=2))
+    given = {"width": 8, "loss": "absolute", "chunk": 8, "executed": 2}
+    assert chunked.get_params() == {**BehaviourCloning().get_params(), **given}
+    with pytest.raises(InvalidArgumentError, match="did you mean 'updates'"):
+        cli_names.learner("bc-chunks", {"update": 3})

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,7 +11,7 @@ from torch import nn
 
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
-from policies.arguments import check_count, check_number
+from policies.arguments import check_count, check_flag, check_number
 from policies.learner import Learner
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, view_of
@@ -76,6 +77,8 @@ class BehaviourCloning(Learner):
             check_count(name, getattr(self, name), 1)
         for name in ("rate", "decay", "noise"):
             check_number(name, getattr(self, name), 0.0, 1e3)
+        check_count("seed", self.seed, 0)
+        check_flag("skips_pauses", self.skips_pauses)
         if not 1 <= self.executed <= self.chunk:
             raise InvalidArgumentError(f"executed is {self.executed}; possible: 1 to chunk, {self.chunk}")
         view = view_of(demonstrations[0])
@@ -130,24 +133,16 @@ class ChunkedBehaviourCloning(BehaviourCloning):
     """Behaviour cloning of chunks: the decisions of the next 0.8 s at a time, of which the first half is made (Zhao et al.
     2023). Pauses and other habits of a teacher that one observation does not explain disturb it less.
 
-    Parameters as in `BehaviourCloning`.
+    Parameters as in `BehaviourCloning`, with other defaults of loss, chunk and executed.
     """
 
-    def __init__(
-        self,
-        updates: int = 5000,
-        batch: int = 256,
-        width: int = 256,
-        rate: float = 1e-3,
-        decay: float = 1e-4,
-        noise: float = 0.05,
-        loss: str = "absolute",
-        chunk: int = 8,
-        executed: int = 4,
-        skips_pauses: bool = True,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(updates, batch, width, rate, decay, noise, loss, chunk, executed, skips_pauses, seed)
+    def __init__(self, *, loss: str = "absolute", chunk: int = 8, executed: int = 4, **others: Any) -> None:
+        super().__init__(loss=loss, chunk=chunk, executed=executed, **others)
+
+    @classmethod
+    def _get_param_names(cls) -> list[str]:
+        """Scikit-learn's: the base class's parameters are its own."""
+        return list(BehaviourCloning._get_param_names())
 
 
 def _chunks(shown: NDArray[np.float64], chunk: int, every: int) -> NDArray[np.float64]:
