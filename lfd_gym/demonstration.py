@@ -15,7 +15,8 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -23,7 +24,8 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from lfd_gym.errors import DemonstrationError
+from lfd_gym.action import ActionLayout
+from lfd_gym.errors import DemonstrationError, is_number
 from lfd_gym.paths import written_whole
 
 NO_LABEL = -1
@@ -60,7 +62,7 @@ class Primitive(NamedTuple):
 class Demonstration:
     """T control steps of one teacher in one setup; frozen, and every array is a read-only copy.
 
-    Raises DemonstrationError if the arrays do not fit each other.
+    Raises DemonstrationError if the arrays do not fit each other, and for what cannot say where they come from.
     """
 
     observations: Mapping[str, np.ndarray]
@@ -81,7 +83,7 @@ class Demonstration:
     env_kwargs: Mapping[str, Any]
     """Constructor arguments of the environment that were not its defaults."""
     seed: Mapping[str, int]
-    """{"teach": seed of the data set, "index": of this demonstration, "reset": seed of its `env.reset`}."""
+    """{"teach": seed of the data set, "index": of this demonstration, "reset": seed of its `env.reset`}, as far as known."""
     setup: Mapping[str, Any]
     """Where the objects stood."""
     teacher: Mapping[str, Any]
@@ -96,7 +98,8 @@ class Demonstration:
     """True if the arm was guided and the actions were inferred afterwards."""
 
     def __post_init__(self) -> None:
-        """Copy and freeze the arrays and check their lengths."""
+        """Copy and freeze the arrays and check their lengths, and check the environment's id, seeds and action layout."""
+        _check_origin(self.env_id, self.seed, self.action_layout)
         actions = _frozen(self.actions, np.float32)
         observations = {name: _frozen(rows, np.float64) for name, rows in self.observations.items()}
         arrays = {
@@ -140,6 +143,15 @@ class Demonstration:
         return len(self.actions)
 
     @property
+    def layout(self) -> ActionLayout:
+        """What the actions mean; DemonstrationError where `action_layout` is none of this suite."""
+        try:
+            return ActionLayout.from_dict(self.action_layout)
+        except (TypeError, ValueError) as error:
+            needed = ", ".join(scale.name for scale in fields(ActionLayout))
+            raise DemonstrationError(f"the action layout is {dict(self.action_layout)}; needed are {needed}") from error
+
+    @property
     def duration(self) -> float:
         """How long it took [s]."""
         return self.n_steps * self.dt
@@ -152,6 +164,44 @@ def check_same_environment(demonstrations: Sequence[Demonstration]) -> str:
         given = f"of {len(ids)} environments ({', '.join(ids)})" if ids else "missing"
         raise DemonstrationError(f"the demonstrations are {given}; one or more of a single environment are needed")
     return ids[0]
+
+
+def check_alike(demonstrations: Sequence[Demonstration], labelled: bool = False) -> None:
+    """Raise DemonstrationError unless time step, action layout, quantities and, where labelled, primitives are the same."""
+    first, shared = demonstrations[0], {"dt": "time step", "action_layout": "action layout"}
+    shared |= {"primitives": "primitive table"} if labelled else {}
+    for i, other in enumerate(demonstrations[1:], start=1):
+        for name, what in shared.items():
+            if getattr(other, name) != getattr(first, name):
+                raise DemonstrationError(f"the {what} of demonstration {i} differs from that of demonstration 0")
+        if _sizes(other.observations) != _sizes(first.observations):
+            raise DemonstrationError(f"demonstration {i} observes other quantities than demonstration 0")
+        if other.actions.shape[1] != first.actions.shape[1]:
+            raise DemonstrationError(
+                f"the actions of demonstration {i} have another size than those of demonstration 0"
+            )
+
+
+def check_measured(name: str, demonstration: Demonstration, needs: Sequence[str], reads: tuple[str, ...] = ()) -> None:
+    """Raise DemonstrationError for a needed observation that is missing, and for one of these, or read, that is not finite.
+
+    Args:
+        name: of the demonstration.
+        demonstration: to be checked.
+        needs: names of observations.
+        reads: beginnings of the names of further ones, which need not be there.
+    """
+    missing = [need for need in needs if need not in demonstration.observations]
+    if missing:
+        raise DemonstrationError(f"{name} has no observation '{missing[0]}', which this method needs")
+    for key, values in demonstration.observations.items():
+        if (key in needs or key.startswith(reads)) and not np.isfinite(values).all():
+            raise DemonstrationError(f"the observation '{key}' of {name} is not finite; repeat the demonstration")
+
+
+def taught_seeds(demonstrations: Sequence[Demonstration]) -> tuple[int, ...]:
+    """Reset seeds of the demonstrations whose seed is known."""
+    return tuple(int(d.seed["reset"]) for d in demonstrations if "reset" in d.seed)
 
 
 def save_demonstrations(path: str | os.PathLike[str], demonstrations: Sequence[Demonstration]) -> None:
@@ -207,6 +257,21 @@ def load_demonstrations(path: str | os.PathLike[str]) -> list[Demonstration]:
 
 def _rebuild(cls: type[Demonstration], values: dict[str, Any]) -> Demonstration:
     return cls(**values)
+
+
+def _check_origin(env_id: Any, seed: Any, action_layout: Any) -> None:
+    if not isinstance(env_id, str):
+        raise DemonstrationError(f"the environment's id is {env_id!r}; it must be a text")
+    if not isinstance(seed, Mapping) or not all(is_number(s) and isinstance(s, Integral) for s in seed.values()):
+        raise DemonstrationError(
+            f"the seed is {seed!r}; it must be whole numbers by name, such as {{'reset': 7}}, or {{}}"
+        )
+    if not isinstance(action_layout, Mapping):
+        raise DemonstrationError(f"the action layout is {action_layout!r}; it must be numbers by name")
+
+
+def _sizes(observations: Mapping[str, np.ndarray]) -> dict[str, int]:
+    return {name: rows.shape[1] for name, rows in observations.items()}
 
 
 def _frozen(rows: Any, dtype: type) -> np.ndarray:

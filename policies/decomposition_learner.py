@@ -4,7 +4,7 @@ import dataclasses
 import warnings
 from collections.abc import Sequence
 
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, taught_seeds
 from lfd_gym.errors import DemonstrationError
 from policies.decomposition.checks import DecompositionWarning, check_demonstrations
 from policies.decomposition.labelling import agreeing, labelled
@@ -86,7 +86,7 @@ class DecompositionLearner(Learner):
             values,
             arrays,
             env_id=skill.env_id,
-            taught_seeds=tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations),
+            taught_seeds=taught_seeds(demonstrations),
             metadata={
                 **skill.metadata,
                 "learner": f"decomposition, {self.method}, {skill.metadata['learner']}",

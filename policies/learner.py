@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from lfd_gym.demonstration import NO_LABEL, Demonstration, check_same_environment
+from lfd_gym.demonstration import NO_LABEL, Demonstration, check_alike, check_measured, check_same_environment
 from lfd_gym.errors import DemonstrationError
 from policies.sequence_graph import segments
 from policies.skill import Skill
@@ -48,7 +48,7 @@ class Learner(BaseEstimator, ABC):
         if not all(isinstance(demonstration, Demonstration) for demonstration in demonstrations):
             raise DemonstrationError("no demonstrations were given; `load_demonstrations` reads them from a file")
         check_same_environment(demonstrations)
-        _check_alike(demonstrations, self.needs_labels)
+        check_alike(demonstrations, self.needs_labels)
         for i, demonstration in enumerate(demonstrations):
             self._check_one(f"demonstration {i}", demonstration)
         failed = [str(i) for i, demonstration in enumerate(demonstrations) if not demonstration.success]
@@ -61,26 +61,10 @@ class Learner(BaseEstimator, ABC):
         return self
 
     def _check_one(self, name: str, demonstration: Demonstration) -> None:
-        needs = (*self.needs, "hand_position") if len(demonstration.action_layout["hand_low"]) else self.needs
-        missing = [need for need in needs if need not in demonstration.observations]
-        if missing:
-            raise DemonstrationError(f"{name} has no observation '{missing[0]}', which this method needs")
-        for key, values in demonstration.observations.items():
-            if (key in self.needs or key.startswith(self.reads)) and not np.isfinite(values).all():
-                raise DemonstrationError(f"the observation '{key}' of {name} is not finite; repeat the demonstration")
+        hand = ("hand_position",) if demonstration.layout.hand_low.size else ()
+        check_measured(name, demonstration, (*self.needs, *hand), self.reads)
         if self.needs_labels:
             _check_labels(name, demonstration)
-
-
-def _check_alike(demonstrations: Sequence[Demonstration], labelled: bool) -> None:
-    first, shared = demonstrations[0], {"dt": "time step", "action_layout": "action layout"}
-    shared |= {"primitives": "primitive table"} if labelled else {}
-    for i, other in enumerate(demonstrations[1:], start=1):
-        for name, what in shared.items():
-            if getattr(other, name) != getattr(first, name):
-                raise DemonstrationError(f"the {what} of demonstration {i} differs from that of demonstration 0")
-        if set(other.observations) != set(first.observations):
-            raise DemonstrationError(f"demonstration {i} observes other quantities than demonstration 0")
 
 
 def _check_labels(name: str, demonstration: Demonstration) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, taught_seeds
 from lfd_gym.errors import DemonstrationError
 from policies.arguments import check_number
 from policies.features import WORLD
@@ -68,7 +68,7 @@ class TrajectoryLearner(Learner):
         frames = [Frames.of_poses(pose) for pose in poses]
         points = [demonstration.observations["tool_position"] for demonstration in demonstrations]
         warps = self.warps_ = self._aligned(demonstrations, points, frames)
-        layout = ActionLayout.from_dict(first.action_layout)
+        layout = first.layout
         generator = self.generator(points, frames, warps, layout, first.dt)
 
         wrenches, quaternions = (_at(demonstrations, name, warps) for name in ("wrench", "tool_quaternion"))
@@ -83,7 +83,7 @@ class TrajectoryLearner(Learner):
             layout,
             first.dt,
             env_id=first.env_id,
-            taught_seeds=tuple(demonstration.seed["reset"] for demonstration in demonstrations),
+            taught_seeds=taught_seeds(demonstrations),
             metadata={"learner": repr(self), "n_demonstrations": len(demonstrations)},
         )
 

@@ -7,8 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lfd_gym.action import ActionLayout
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, check_measured, taught_seeds
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
 from policies.arguments import check_flag, check_number
 from policies.features import FORCE, POSITION, measure, primitive_table
@@ -90,7 +89,8 @@ class SequenceGraphLearner(Learner):
         names = tuple(primitive.name for primitive in first.primitives)
         table = primitive_table(first.primitives, list(first.observations))
         needed = [f"frame_{name}" for name in table.frames[1:]] + ["wrench"] * bool((table.modes == FORCE).any())
-        _check_measurements(demonstrations, needed)
+        for i, demonstration in enumerate(demonstrations):
+            check_measured(f"demonstration {i}", demonstration, needed)
         demonstrations = self._alike(demonstrations)
         measurements = [measure(demonstration.observations, table.frames) for demonstration in demonstrations]
         labels = [demonstration.labels for demonstration in demonstrations]
@@ -129,10 +129,10 @@ class SequenceGraphLearner(Learner):
             primitives,
             nodes,
             named.only(columns),
-            ActionLayout.from_dict(first.action_layout),
+            first.layout,
             float(first.dt),
             env_id=first.env_id,
-            taught_seeds=tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations),
+            taught_seeds=taught_seeds(demonstrations),
             metadata={"learner": self._summary(), "parameters": self.get_params(), "taught_with": len(demonstrations)},
         )
 
@@ -182,13 +182,3 @@ def _warn_of_missing_forces(primitives: MovementPrimitives, labels: Sequence[NDA
                     ForceWarning,
                     stacklevel=4,
                 )
-
-
-def _check_measurements(demonstrations: Sequence[Demonstration], needed: Sequence[str]) -> None:
-    for i, demonstration in enumerate(demonstrations):
-        for name in needed:
-            if name not in demonstration.observations:
-                raise DemonstrationError(f"demonstration {i} has no observation '{name}', which this method needs")
-        for name in needed:
-            if not np.isfinite(demonstration.observations[name]).all():
-                raise DemonstrationError(f"the observation '{name}' of demonstration {i} is not finite")

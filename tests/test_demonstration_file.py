@@ -1,6 +1,7 @@
 """Demonstrations survive the disk unchanged, and every broken file is refused in one line."""
 
 import dataclasses
+import json
 import pickle
 from pathlib import Path
 
@@ -8,7 +9,14 @@ import h5py
 import numpy as np
 import pytest
 
-from lfd_gym.demonstration import Demonstration, EntityControl, Primitive, load_demonstrations, save_demonstrations
+from lfd_gym.demonstration import (
+    Demonstration,
+    EntityControl,
+    Primitive,
+    load_demonstrations,
+    save_demonstrations,
+    taught_seeds,
+)
 from lfd_gym.errors import DemonstrationError
 
 
@@ -76,6 +84,16 @@ def test_the_file_has_the_layout_that_robomimic_reads(tmp_path: Path) -> None:
         assert demo["dones"][-1] == 1
 
 
+def test_seeds_that_are_not_known_are_passed_over() -> None:
+    known = make_demonstration()
+    assert taught_seeds([dataclasses.replace(known, seed={}), known]) == (2**32 + 7,)
+
+
+def test_a_layout_that_is_none_of_this_suite_is_named_when_it_is_needed() -> None:
+    with pytest.raises(DemonstrationError, match="action layout is {}; needed are workspace_low, "):
+        _ = dataclasses.replace(make_demonstration(), action_layout={}).layout
+
+
 def test_arrays_are_read_only_copies() -> None:
     rows = np.zeros((4, 2))
     base = make_demonstration(n_steps=3)
@@ -103,6 +121,10 @@ def test_a_pickled_demonstration_is_the_same() -> None:
         ({"states": np.zeros((12, 4))}, "states"),
         ({"observations": {"x": np.zeros((12, 3))}}, "observation 'x'"),
         ({"dt": 0.0}, "positive"),
+        ({"env_id": ["x"]}, "id is .* must be a text"),
+        ({"seed": 3}, "seed is 3; it must be whole numbers by name"),
+        ({"seed": {"reset": "x"}}, "seed is .* whole numbers"),
+        ({"action_layout": None}, "action layout is None"),
     ],
 )
 def test_what_does_not_fit_is_refused(change: dict, message: str) -> None:
@@ -142,6 +164,12 @@ def break_record(path: Path) -> None:
         file["data/demo_0"].attrs["record"] = '{"dt": 0.02, "primitives": []}'
 
 
+def break_origin(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        attributes = file["data/demo_0"].attrs
+        attributes["record"] = json.dumps({**json.loads(attributes["record"]), "env_id": ["x"]})
+
+
 def break_empty(path: Path) -> None:
     with h5py.File(path, "a") as file:
         del file["data/demo_0"]
@@ -157,6 +185,7 @@ def break_empty(path: Path) -> None:
         break_schema,
         break_array,
         break_record,
+        break_origin,
         break_empty,
     ],
 )

@@ -171,6 +171,16 @@ def test_a_hand_that_was_not_measured_is_refused(method: str, taught: list[Demon
         new(method).fit(blind)
 
 
+def test_demonstrations_of_another_origin_teach_as_far_as_they_say_what_they_are(
+    method: str, skill, taught: list[Demonstration]
+) -> None:
+    other = new(method).fit([dataclasses.replace(taught[0], seed={}), *taught[1:]]).skill_
+    assert tuple(other.taught_seeds) == tuple(demonstration.seed["reset"] for demonstration in taught[1:])
+    assert np.array_equal(actions_of(other, seen(taught[0])), actions_of(skill, seen(taught[0])))
+    with pytest.raises(DemonstrationError, match="action layout"):
+        new(method).fit([dataclasses.replace(demonstration, action_layout={}) for demonstration in taught])
+
+
 def test_unlabelled_learners_do_not_look_at_the_primitives(method: str, skill, taught: list[Demonstration]) -> None:
     learner = new(method)
     others = [dataclasses.replace(taught[0], primitives=taught[0].primitives[::-1]), *taught[1:]]

@@ -342,6 +342,32 @@ def test_methods_and_demonstrations_have_to_fit(training: Any, taught: Sequence[
     assert not (tmp_path / "t").exists()
 
 
+def test_agents_refuse_demonstrations_that_do_not_show_what_they_would_see(
+    training: Any, taught: Sequence[Demonstration], tmp_path: Path
+) -> None:
+    first = taught[0]
+    nan = np.full_like(first.observations["tool_position"], np.nan)
+    without = [{k: v for k, v in first.observations.items() if k != name} for name in ("frame_object", "wrench")]
+    for observations, message in [
+        ({**first.observations, "tool_position": nan}, "'tool_position' of demonstration 1 is not finite"),
+        (without[0], "demonstration 1 has no observation 'frame_object'"),
+        (without[1], "demonstration 1 has no observation 'wrench'"),
+    ]:
+        shown = [taught[1], replace(first, observations=observations)]
+        with pytest.raises(DemonstrationError, match=message):
+            training.train("sac-demos", ENV_ID, training.Schedule(10), tmp_path / "t", demonstrations=shown)
+    assert not (tmp_path / "t").exists()
+
+
+def test_agents_learn_from_demonstrations_without_a_seed(
+    training: Any, taught: Sequence[Demonstration], tmp_path: Path
+) -> None:
+    shown, schedule = [replace(taught[0], seed={}), taught[1]], training.Schedule(8, 0, evaluate_every=0)
+    skill = training.train("sac-demos", ENV_ID, schedule, tmp_path / "t", demonstrations=shown)
+    assert skill.taught_seeds == (taught[1].seed["reset"],)
+    assert skill.metadata["demonstrations"] == 2
+
+
 def test_cloning_learns_what_was_shown(taught: Sequence[Demonstration], tmp_path: Path, capsys: Any) -> None:
     pytest.importorskip("torch", reason="the rl extra is not installed")
     save_demonstrations(tmp_path / "demos.h5", taught)

@@ -75,7 +75,7 @@ def _episode(minari: Any, i: int, demonstration: Demonstration) -> Any:
     terminated = demonstration.success and demonstration.env_kwargs.get("terminate_on_success", True)
     return minari.data_collector.EpisodeBuffer(
         id=i,
-        seed=demonstration.seed["reset"],
+        seed=demonstration.seed.get("reset"),
         observations=dict(demonstration.observations),
         actions=demonstration.actions,
         rewards=demonstration.rewards.tolist(),

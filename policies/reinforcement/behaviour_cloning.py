@@ -9,12 +9,12 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, taught_seeds
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from policies.arguments import check_count, check_flag, check_number
 from policies.learner import Learner
 from policies.reinforcement.agent_skill import AgentSkill
-from policies.reinforcement.demonstrated_decisions import decisions, flat_observations, moving, view_of
+from policies.reinforcement.demonstrated_decisions import check_observed, decisions, flat_observations, moving, view_of
 from policies.reinforcement.network import Network
 
 SMALLEST_SCALE = 0.02
@@ -82,9 +82,7 @@ class BehaviourCloning(Learner):
         if not 1 <= self.executed <= self.chunk:
             raise InvalidArgumentError(f"executed is {self.executed}; possible: 1 to chunk, {self.chunk}")
         view = view_of(demonstrations[0])
-        missing = [name for name in view.observations if name not in demonstrations[0].observations]
-        if missing:
-            raise DemonstrationError(f"the demonstrations have no observation '{missing[0]}', which this method needs")
+        check_observed(demonstrations, view)
         kept = [moving(d, view) if self.skips_pauses else np.full(len(d), True) for d in demonstrations]
         examples = [
             (flat_observations(d, view)[:-1][rows], decisions(d, view)[rows])
@@ -96,7 +94,7 @@ class BehaviourCloning(Learner):
         targets = np.concatenate([_chunks(shown, self.chunk, view.repeats) for _, shown in examples])
         mean, scale = inputs.mean(axis=0), np.maximum(inputs.std(axis=0), SMALLEST_SCALE)
         network = self._fit((inputs - mean) / scale, targets, mean, scale)
-        seeds = tuple(int(d.seed["reset"]) for d in demonstrations)
+        seeds = taught_seeds(demonstrations)
         metadata = {"learner": type(self).__name__, "demonstrations": len(demonstrations), "updates": self.updates}
         return AgentSkill(
             network, view, self.executed, env_id=demonstrations[0].env_id, taught_seeds=seeds, metadata=metadata

@@ -7,8 +7,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from lfd_gym.action import ActionLayout
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, check_measured
 from lfd_gym.errors import DemonstrationError
 from lfd_gym.view import View
 
@@ -35,8 +34,13 @@ class Transitions(NamedTuple):
 
 def view_of(demonstration: Demonstration) -> View:
     """The RL view of the environment that a demonstration was given in."""
-    layout = ActionLayout.from_dict(demonstration.action_layout)
-    return View.of_class(demonstration.env_id, layout, demonstration.dt)
+    return View.of_class(demonstration.env_id, demonstration.layout, demonstration.dt)
+
+
+def check_observed(demonstrations: Sequence[Demonstration], view: View) -> None:
+    """Raise DemonstrationError where an observation that tells what was seen and decided is missing or not finite."""
+    for i, demonstration in enumerate(demonstrations):
+        check_measured(f"demonstration {i}", demonstration, (*view.observations, "reference_quaternion"))
 
 
 def flat_observations(demonstration: Demonstration, view: View) -> NDArray[np.float32]:

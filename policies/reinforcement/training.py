@@ -18,7 +18,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from lfd_gym.demonstration import Demonstration, check_same_environment
+from lfd_gym.demonstration import Demonstration, check_same_environment, taught_seeds
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
@@ -28,7 +28,7 @@ from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
 from policies.reinforcement.checkpoint import TrainingFolder
-from policies.reinforcement.demonstrated_decisions import transitions
+from policies.reinforcement.demonstrated_decisions import check_observed, transitions
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.growth import Growth
 from policies.reinforcement.settings import DECIDED, TrainingSettings, checked_kwargs, method
@@ -96,7 +96,8 @@ def train(
     """Train a method of `policies.reinforcement.settings` from where `folder` left off, and return the skill.
 
     Raises UnknownNameError for an unknown method, and InvalidArgumentError for arguments that the method decides, for
-    demonstrations that are missing, not wanted or of another environment, and where the folder holds another training.
+    demonstrations that are missing or not wanted, and where the folder holds another training. Raises DemonstrationError for
+    demonstrations of another environment, and for what the agent would have seen in them if it is missing or not finite.
     """
     settings, env_kwargs, env_id = method(name), checked_kwargs(env_kwargs or {}), environment_id(env_id)
     if settings.demonstrations != bool(demonstrations):
@@ -108,16 +109,17 @@ def train(
         given = {name: value for name, value in demonstration.env_kwargs.items() if name not in DECIDED}
         if given != json.loads(json.dumps(env_kwargs)):
             raise DemonstrationError(f"the demonstrations were given with the arguments {given}, not with {env_kwargs}")
-    seeds = tuple(int(demonstration.seed["reset"]) for demonstration in demonstrations)
+    seeds = taught_seeds(demonstrations)
     env = partial(viewed, env_id, settings, env_kwargs, demonstrations)
     example = env()
     view = View.of(example)
+    check_observed(demonstrations, view)
     learns = (settings.discount, settings.reward_scale, settings.n_steps)
     shown = transitions(demonstrations, example, *learns) if demonstrations else None
     example.close()
 
     def export(agent: Any, facts: Mapping[str, Any]) -> Skill:
-        metadata = {"learner": name, "demonstrations": len(seeds), **facts}
+        metadata = {"learner": name, "demonstrations": len(demonstrations), **facts}
         native = env_id.rpartition(":")[2]
         return AgentSkill(actor_network(agent), view, env_id=native, taught_seeds=seeds, metadata=metadata)
 
