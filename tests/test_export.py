@@ -3,6 +3,7 @@
 import os
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,13 @@ def test_an_episode_that_success_did_not_end_is_truncated(tmp_path: Path, monkey
     assert episode.truncations.tolist() == [False] * (len(shown[0]) - 1) + [True]
 
 
+def test_an_episode_whose_seed_is_not_known_has_none(shown, tmp_path: Path, monkeypatch) -> None:
+    to_minari([replace(shown[0], seed={}), shown[1]], tmp_path, ID)
+    monkeypatch.setenv(ROOT, str(tmp_path))
+    facts = list(minari.load_dataset(ID).storage.get_episode_metadata([0, 1]))
+    assert [one.get("seed") for one in facts] == [None, shown[1].seed["reset"]]
+
+
 def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: Path, monkeypatch) -> None:
     for dataset_id in ("point", "a/b/c-v0", "../point-v0", ""):
         with pytest.raises(InvalidArgumentError, match="no id of a data set"):
@@ -71,6 +79,21 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: 
     other = record(toy.ENV_ID, toy.PointTeacher(), n=1, seed=1).demonstrations
     with pytest.raises(DemonstrationError, match="several arguments"):
         to_minari([*shown, *other], tmp_path / "sets", ID)
+    position, actions = shown[1].observations["position"], shown[1].actions
+    for change, message in [
+        ({"observations": {"position": position}}, "observes other quantities"),
+        (
+            {"observations": {**shown[1].observations, "position": np.hstack([position] * 2)}},
+            "observes other quantities",
+        ),
+        ({"observations": {**shown[1].observations, "position": np.nan * position}}, "'position' of demonstration 1"),
+        ({"actions": np.hstack([actions] * 2)}, "actions of demonstration 1 have another size"),
+        ({"actions": np.nan * actions}, "actions of demonstration 1 are not finite"),
+    ]:
+        with pytest.raises(DemonstrationError, match=message):
+            to_minari([shown[0], replace(shown[1], **change)], tmp_path / "sets", ID)
+    with pytest.raises(InvalidArgumentError, match="cannot write '/proc/sets/"):
+        to_minari(shown, "/proc/sets", ID)
 
     def broken(*arguments, **further):
         raise KeyboardInterrupt

@@ -98,6 +98,14 @@ def test_the_index_says_where_episodes_are_and_how_values_spread(shown, folder: 
     np.testing.assert_allclose(episodes[1]["stats/action/std"], shown[1].actions.astype(float).std(axis=0), rtol=1e-12)
 
 
+def test_a_demonstration_that_failed_ends_without_success(shown, tmp_path: Path) -> None:
+    to_lerobot([replace(shown[0], success=False), shown[1]], tmp_path, ID)
+    rows, n = parquet.read_table(tmp_path / ID / "data" / FIRST).to_pandas(), len(shown[0])
+    assert rows["next.done"][:n].tolist() == [False] * (n - 1) + [True]
+    assert not rows["next.success"][:n].any()
+    assert rows["next.success"][n:].sum() == 1
+
+
 def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: Path, monkeypatch) -> None:
     for repo_id in ("point", "a/b/c", "../point", ""):
         with pytest.raises(InvalidArgumentError, match="no id of a data set"):
@@ -107,6 +115,10 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(shown, tmp_path: 
     renamed = replace(shown[1], primitives=(shown[1].primitives[0]._replace(name="push"),))
     with pytest.raises(DemonstrationError, match="tables of primitives"):
         to_lerobot([shown[0], renamed], tmp_path, ID)
+    with pytest.raises(DemonstrationError, match="actions of demonstration 1 are not finite"):
+        to_lerobot([shown[0], replace(shown[1], actions=np.nan * shown[1].actions)], tmp_path, ID)
+    with pytest.raises(InvalidArgumentError, match="cannot write '/proc/sets/"):
+        to_lerobot(shown, "/proc/sets", ID)
 
     def broken(*arguments: Any) -> None:
         raise KeyboardInterrupt

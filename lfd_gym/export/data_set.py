@@ -7,18 +7,29 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from lfd_gym.demonstration import Demonstration, check_same_environment
+import numpy as np
+
+from lfd_gym.demonstration import Demonstration, check_alike, check_measured, check_same_environment
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, MissingExtraError
-from lfd_gym.paths import check_writable
+from lfd_gym.paths import check_writable, writing
 
 
 def check_exportable(demonstrations: Sequence[Demonstration]) -> str:
-    """The id of the environment of all demonstrations; DemonstrationError if there are several, or several arguments."""
+    """The id of the environment of all demonstrations.
+
+    Raises DemonstrationError if there are several, or several arguments, if quantities or sizes differ, and for observations
+    and actions that are not finite.
+    """
     env_id = check_same_environment(demonstrations)
     if any(demonstration.env_kwargs != demonstrations[0].env_kwargs for demonstration in demonstrations):
         raise DemonstrationError(
             "the demonstrations were given with several arguments of the environment; one is needed"
         )
+    check_alike(demonstrations)
+    for i, demonstration in enumerate(demonstrations):
+        check_measured(f"demonstration {i}", demonstration, tuple(demonstration.observations))
+        if not np.isfinite(demonstration.actions).all():
+            raise DemonstrationError(f"the actions of demonstration {i} are not finite; repeat the demonstration")
     return env_id
 
 
@@ -40,7 +51,8 @@ def written_below(root: Path, name: str) -> Iterator[Path]:
     if folder.exists():
         raise InvalidArgumentError(f"there is a data set '{folder}' already; choose another name")
     check_writable(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary:
-        yield Path(temporary)
-        (Path(temporary) / name).rename(folder)
+    with writing(folder):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".export-") as temporary:
+            yield Path(temporary)
+            (Path(temporary) / name).rename(folder)
