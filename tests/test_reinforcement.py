@@ -1,6 +1,7 @@
 """Agents on the RL view: what demonstrations become, training that survives a kill, skills that need no torch."""
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -291,6 +292,26 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
         training.train(name, ENV_ID, schedule, tmp_path / "t", seed=4, demonstrations=shown)
     with pytest.raises(InvalidArgumentError, match="192 decisions|another training"):
         training.train(name, ENV_ID, training.Schedule(64), tmp_path / "t", seed=3, demonstrations=shown)
+
+
+def test_a_damaged_checkpoint_is_named(training: Any, tmp_path: Path) -> None:
+    schedule = training.Schedule(64, checkpoint_every=64, evaluate_every=0)
+
+    def train() -> Any:
+        return training.train("sac", ENV_ID, schedule, tmp_path / "t", seed=3)
+
+    skill = train()
+    (checkpoint,) = (tmp_path / "t").glob("checkpoint-*")
+    for name in ("state.json", "agent.zip", "replay_buffer.pkl"):
+        file, whole = checkpoint / name, (checkpoint / name).read_bytes()
+        for damaged in (b"", b"{}", whole[: len(whole) // 2]):
+            file.write_bytes(damaged)
+            with pytest.raises(InvalidArgumentError, match=f"'{checkpoint}' is damaged; remove it"):
+                train()
+        file.write_bytes(whole)
+    assert train().metadata == skill.metadata
+    shutil.rmtree(checkpoint)
+    assert train().metadata["decisions"] == 64
 
 
 def test_the_learning_rate_falls_at_the_end(training: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,8 @@ This is not the format of skills: agents and buffers are pickles, which run code
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from lfd_gym.paths import written_whole
 
 SCHEMA = "lfd_gym.training-checkpoint/1 (holds pickles: load only your own)"
 PREFIX = "checkpoint-"
+STATE = ("decisions", "seconds", "simulated_seconds", "episodes", "updates")
+"""What is kept of how far a training has come."""
 
 
 class TrainingFolder:
@@ -41,9 +44,13 @@ class TrainingFolder:
         return found[-1] if found else None
 
     def state(self) -> dict[str, Any]:
-        """What `write` was told with the last checkpoint; empty if there is none."""
+        """What `write` was told with the last checkpoint; empty if there is none. InvalidArgumentError if it is damaged."""
         latest = self.latest()
-        return {} if latest is None else dict(json.loads((latest / "state.json").read_text()))
+        if latest is None:
+            return {}
+        with undamaged(latest):
+            kept = json.loads((latest / "state.json").read_text())
+            return {name: kept[name] for name in STATE}
 
     def write(self, agent: Any, state: Mapping[str, Any]) -> None:
         """Add a checkpoint, which is there whole or not at all, and remove older ones."""
@@ -71,6 +78,17 @@ class TrainingFolder:
         kept = [old for old in self.rows() if old["decisions"] < row["decisions"]]
         with written_whole(self.log) as temporary:
             temporary.write_text("".join(json.dumps(line) + "\n" for line in [*kept, dict(row)]))
+
+
+@contextmanager
+def undamaged(checkpoint: Path) -> Iterator[None]:
+    """Raise InvalidArgumentError for a checkpoint that the block cannot read."""
+    try:
+        yield
+    except Exception as error:  # a damaged pickle raises whatever it comes upon
+        raise InvalidArgumentError(
+            f"the checkpoint '{checkpoint}' is damaged; remove it to go on from the one before, or else to train anew"
+        ) from error
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:

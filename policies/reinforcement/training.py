@@ -27,7 +27,7 @@ from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
-from policies.reinforcement.checkpoint import TrainingFolder
+from policies.reinforcement.checkpoint import TrainingFolder, undamaged
 from policies.reinforcement.demonstrated_decisions import check_observed, transitions
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.growth import Growth
@@ -156,7 +156,10 @@ def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bo
 
 
 def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any]) -> Skill:
-    """Train until the schedule's end, from the last checkpoint in the folder; `identity` says whose folder it is."""
+    """Train until the schedule's end, from the last checkpoint in the folder; `identity` says whose folder it is.
+
+    Raises InvalidArgumentError where the folder is of another training, or its last checkpoint is damaged.
+    """
     settings = task.settings
     job = {
         **identity, "env_id": task.env_id, "env_kwargs": dict(task.env_kwargs), "seed": task.seed,
@@ -179,10 +182,11 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
     if latest is None:
         agent = task.make(envs)
     else:
-        agent = task.load(str(latest / "agent.zip"), envs)
-        if hasattr(agent, "load_replay_buffer"):
-            agent.load_replay_buffer(latest / "replay_buffer.pkl")
-            agent.replay_buffer.interrupt()
+        with undamaged(latest):
+            agent = task.load(str(latest / "agent.zip"), envs)
+            if hasattr(agent, "load_replay_buffer"):
+                agent.load_replay_buffer(latest / "replay_buffer.pkl")
+                agent.replay_buffer.interrupt()
     agent.action_space.seed(seed)
     agent.set_logger(Logger(None, []))
     task.prepare(agent)
