@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import torch
@@ -131,16 +130,24 @@ class ChunkedBehaviourCloning(BehaviourCloning):
     """Behaviour cloning of chunks: the decisions of the next 0.8 s at a time, of which the first half is made (Zhao et al.
     2023). Pauses and other habits of a teacher that one observation does not explain disturb it less.
 
-    Parameters as in `BehaviourCloning`, with other defaults of loss, chunk and executed.
+    Parameters as in `BehaviourCloning`.
     """
 
-    def __init__(self, *, loss: str = "absolute", chunk: int = 8, executed: int = 4, **others: Any) -> None:
-        super().__init__(loss=loss, chunk=chunk, executed=executed, **others)
-
-    @classmethod
-    def _get_param_names(cls) -> list[str]:
-        """Scikit-learn's: the base class's parameters are its own."""
-        return list(BehaviourCloning._get_param_names())
+    def __init__(
+        self,
+        updates: int = 5000,
+        batch: int = 256,
+        width: int = 256,
+        rate: float = 1e-3,
+        decay: float = 1e-4,
+        noise: float = 0.05,
+        loss: str = "absolute",
+        chunk: int = 8,
+        executed: int = 4,
+        skips_pauses: bool = True,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(updates, batch, width, rate, decay, noise, loss, chunk, executed, skips_pauses, seed)
 
 
 def _chunks(shown: NDArray[np.float64], chunk: int, every: int) -> NDArray[np.float64]:
