@@ -63,6 +63,13 @@ MUTANTS = (
         "tests/test_evaluation.py",
     ),
     Mutant(
+        "a subtask counts only if it holds at the end",
+        "lfd_gym/evaluation.py",
+        "subtasks.get(key, False) or bool(reached)",
+        "bool(reached)",
+        "tests/test_evaluation.py",
+    ),
+    Mutant(
         "failed attempts are shown to the learner",
         "lfd_gym/recording.py",
         'if steps[-1].info["is_success"]:',

@@ -51,10 +51,26 @@ def test_an_exception_is_a_failed_episode_that_says_why() -> None:
     assert "ended in an error" in report.table()
 
 
-def test_subtasks_count_if_they_were_ever_reached_and_random_reaches_less() -> None:
-    solved = evaluate(toy.ENV_ID, toy.PointPolicy(), episodes=5, seed=100000)
-    assert solved.success_rate == 1.0
-    assert all(episode.subtasks == {"halfway": True} for episode in solved.episodes)
+class ReturningPolicy(toy.PointPolicy):
+    """Passes halfway, and walks back to the start before the episode ends."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        _, (count,) = super().predict(observation, state, episode_start)
+        steps_there = round(6 * observation["frame_target"][0])
+        action = (count < steps_there).astype(float) - (steps_there <= count < 2 * steps_there)
+        return action.astype(np.float32), (count,)
+
+
+def test_subtasks_count_if_they_were_ever_reached() -> None:
+    last = list(rollout(make(toy.ENV_ID), ReturningPolicy(), seed=100000))[-1]
+    assert not last.info["subtask/halfway"]
+    returned = evaluate(toy.ENV_ID, ReturningPolicy(), episodes=5, seed=100000)
+    assert returned.successes == 0
+    assert all(episode.subtasks == {"halfway": True} for episode in returned.episodes)
+
+
+def test_random_reaches_less_than_a_policy_that_walks_to_the_target() -> None:
+    assert evaluate(toy.ENV_ID, toy.PointPolicy(), episodes=5, seed=100000).success_rate == 1.0
     lost = evaluate(toy.ENV_ID, RandomPolicy(), episodes=5, seed=100000)
     assert lost.successes < 5
     assert {episode.steps for episode in lost.episodes if not episode.success} == {40}
