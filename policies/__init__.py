@@ -1,14 +1,14 @@
 """What is learned from demonstrations: learners, and the skills they learn.
 
 This package stands on `lfd_gym` alone. Its only contact with teachers is a file of demonstrations. To add a learner is
-one file and one row here; rows are imported on use.
+one file and one row here, and one in `policies.skill.SKILLS` for a skill class of its own; rows are imported on use.
 """
 
 import os
 
 from lfd_gym.errors import SkillFileError
 from lfd_gym.registry import load
-from policies.skill import Skill, read_skill_file
+from policies.skill import SKILLS, Skill, read_skill_file
 
 __all__ = ["LEARNERS", "SKILLS", "Skill", "load_skill"]
 
@@ -26,14 +26,6 @@ LEARNERS: dict[str, str] = {
     "replay": "policies.trajectory_baselines.replay:ReplayLearner",
 }
 """Name of the method -> its learner."""
-SKILLS: dict[str, str] = {
-    "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
-    "moa": "policies.moa_skill:MoASkill",
-    "agent": "policies.reinforcement.agent_skill:AgentSkill",
-    "residual": "policies.reinforcement.residual:ResidualSkill",
-    "refined-graph": "policies.reinforcement.refined_graph:RefinedGraphSkill",
-}
-"""Kind written in a skill's file -> the class that reads it."""
 
 
 def load_skill(path: str | os.PathLike[str]) -> Skill:

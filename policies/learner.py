@@ -31,6 +31,8 @@ class Learner(BaseEstimator, ABC):
 
     reads_actions = False
     """Whether it imitates actions and sees the controller's reference."""
+    is_baseline = False
+    """Whether it is there to be compared with, and need not solve a simple task from three demonstrations."""
 
     skill_: Skill
 

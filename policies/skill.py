@@ -20,6 +20,14 @@ from lfd_gym.paths import written_whole
 SCHEMA = "lfd_gym.skill/3"
 HEADER = "header"
 """Name of the array that holds the JSON header."""
+SKILLS: dict[str, str] = {
+    "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
+    "moa": "policies.moa_skill:MoASkill",
+    "agent": "policies.reinforcement.agent_skill:AgentSkill",
+    "residual": "policies.reinforcement.residual:ResidualSkill",
+    "refined-graph": "policies.reinforcement.refined_graph:RefinedGraphSkill",
+}
+"""Kind written in a skill's file -> the class that reads it."""
 
 Observation = Mapping[str, NDArray[Any]]
 State = tuple[NDArray[Any], ...]
@@ -29,7 +37,7 @@ class Skill(ABC):
     """A learned policy: immutable, picklable, and a predictor in Stable-Baselines3's sense.
 
     The arrays that it is given become read-only, those of a copy or a pickle are not.
-    A subclass states `kind`, the key under which `policies.SKILLS` finds it, and implements `start`, `decide`,
+    A subclass states `kind`, the key under which `SKILLS` finds it, and implements `start`, `decide`,
     `to_arrays` and `from_arrays`.
     """
 
@@ -91,10 +99,17 @@ class Skill(ABC):
         return np.stack(actions), tuple(np.stack(arrays) for arrays in zip(*rows, strict=True))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the skill to one file, which is there whole or not at all."""
+        """Write the skill to one file, which is there whole or not at all.
+
+        Raises SkillFileError for a kind that is not in `SKILLS`: nothing could read the file.
+        """
+        kind = getattr(self, "kind", None)
+        if kind not in SKILLS:
+            row = f'"{kind}": "{type(self).__module__}:{type(self).__name__}"'
+            raise SkillFileError(f"SKILLS in policies/skill.py has no row {row}; nothing could read the file")
         values, arrays = self.to_arrays()
         facts = {"env_id": self.env_id, "taught_seeds": list(self.taught_seeds), "metadata": self.metadata}
-        described = {"schema": SCHEMA, "kind": self.kind, "facts": facts, "values": values}
+        described = {"schema": SCHEMA, "kind": kind, "facts": facts, "values": values}
         header = json.dumps(described, sort_keys=True, default=lambda value: value.tolist())
         with written_whole(path) as temporary, open(temporary, "wb") as file:
             everything: dict[str, Any] = {HEADER: np.array(header), **arrays}

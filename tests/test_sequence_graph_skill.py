@@ -239,6 +239,20 @@ def test_skill_survives_its_file_and_pickling(skill, tmp_path):
         assert solve(other, 1) == solve(skill, 1)
 
 
+class UnlistedSkill(SequenceGraphSkill):
+    """Its kind has no row in `policies.SKILLS`."""
+
+    kind = "unlisted"
+
+
+def test_a_skill_that_nothing_could_read_is_not_written(skill, tmp_path):
+    facts = {"env_id": skill.env_id, "taught_seeds": (), "metadata": {}}
+    unlisted = UnlistedSkill.from_arrays(*skill.to_arrays(), **facts)
+    with pytest.raises(SkillFileError, match='no row "unlisted": "test_sequence_graph_skill:UnlistedSkill"'):
+        unlisted.save(tmp_path / "skill.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_damaged_and_foreign_files_are_refused(skill, tmp_path):
     with pytest.raises(SkillFileError, match="no skill at"):
         load_skill(tmp_path / "missing")

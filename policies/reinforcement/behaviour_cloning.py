@@ -47,6 +47,7 @@ class BehaviourCloning(Learner):
     reads = ("",)
     needs_labels = False
     reads_actions = True
+    is_baseline = True
 
     losses_: list[float]
 

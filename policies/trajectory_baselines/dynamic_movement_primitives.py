@@ -133,6 +133,8 @@ class DMPLearner(TrajectoryLearner):
         events: scale of contact and hand in the alignment [m].
     """
 
+    is_baseline = True
+
     def __init__(self, goal_scaling: bool = False, spacing: float = 0.15, events: float = 0.05) -> None:
         self.goal_scaling, self.spacing, self.events = goal_scaling, spacing, events
 

@@ -112,6 +112,7 @@ class TPGMMLearner(TrajectoryLearner):
     plane of it, the path is drawn to this plane.
     """
 
+    is_baseline = True
     seen_frames = slice(None)
 
     def __init__(

@@ -55,6 +55,8 @@ class ProMPLearner(TrajectoryLearner):
         events: scale of contact and hand in the alignment [m].
     """
 
+    is_baseline = True
+
     def __init__(
         self,
         spacing: float = 0.15,

@@ -31,6 +31,8 @@ class ReplayLearner(TrajectoryLearner):
         events: scale of contact and hand in the alignment [m].
     """
 
+    is_baseline = True
+
     def __init__(self, events: float = 0.05) -> None:
         self.events = events
 
