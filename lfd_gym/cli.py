@@ -34,9 +34,7 @@ app = typer.Typer(
 )
 
 EnvArgument = Annotated[str, typer.Argument(metavar="ENV", help="Task, as 'light-bulb' or as a full id.")]
-SkillArgument = Annotated[
-    str, typer.Argument(metavar="SKILL", help="Folder or file of a skill, 'teacher' or 'random'.")
-]
+SkillArgument = Annotated[str, typer.Argument(metavar="SKILL", help="File of a skill, 'teacher' or 'random'.")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
