@@ -79,7 +79,7 @@ def environment_id(name: str) -> str:
 
     Raises UnknownNameError.
     """
-    if name in ENVIRONMENTS or name in gymnasium.registry or ":" in name:
+    if name in ENVIRONMENTS or name in gymnasium.registry or re.fullmatch("[^:]+:[^:]+", name):
         return name
     short = {kebab_case(env_id): env_id for env_id in ENVIRONMENTS}
     dense = {kebab_case(dense_id(env_id)): dense_id(env_id) for env_id in ENVIRONMENTS}
@@ -103,7 +103,7 @@ def make(name: str, /, **kwargs: Any) -> gymnasium.Env:
         check_arguments(load(entry.entry_point), own, f"environment '{kebab_case(env_id)}'")
     try:
         return gymnasium.make(env_id, **kwargs)
-    except (TypeError, ModuleNotFoundError, gymnasium.error.UnregisteredEnv) as error:
+    except (TypeError, ModuleNotFoundError, gymnasium.error.Error) as error:
         reason = str(error).partition(" was raised from")[0]
         raise InvalidArgumentError(f"environment '{name}' cannot be made with {kwargs}: {reason}") from error
 

@@ -60,15 +60,17 @@ def check_graph(
     layout: ActionLayout,
     dt: Any,
 ) -> None:
-    """Raise ValueError where shapes differ from what they describe, or an index leads to nothing."""
+    """Raise ValueError where shapes differ from what they describe, an index leads to nothing, or a number is not finite."""
     _check_layout(layout, dt)
     n, table = len(primitives.names), primitives.table
     for name, shape in ROW_SHAPES.items():
         array = getattr(table if name in table._fields else primitives, name)
         _check(array.shape == (n, *shape), name)
+        _check_finite({name: array})
     for name in ("position_frame", "orientation_frame"):
         _check_index(getattr(table, name), 0, len(table.frames), name)
     _check(len(named.indices) == len(named.low) == len(named.high) == len(named.keys), "observed")
+    _check_finite({"observed_low": named.low, "observed_high": named.high})
     _check(len(labels) == len(nodes), "nodes")
     _check_index(np.array(labels), -1, n, "labels")
     for node in nodes:
@@ -79,6 +81,8 @@ def check_graph(
         _check_index(node.feature_columns, -1, len(named.keys), "feature_columns")
         _check(bool(np.all((node.feature_primitives >= 0) | (node.feature_columns >= 0))), "features")
         _check_index(node.targets, 0, len(nodes), "targets")
+        _check_finite({"gains": node.gains, "sides": node.sides, "dwell": node.dwell})
+        _check(is_number(node.patience) and node.patience > 0.0, "patience")
         if node.decision is not None:
             _check_decision(node.decision, size, len(node.targets))
 
@@ -107,8 +111,7 @@ def check_path(
     _check(steps > 0, "press_force")
     _check_shapes(schedules, SCHEDULE_SHAPES, N=steps, H=layout.hand_low.size)
     _check_shapes(path, PATH_SHAPES[kind], N=steps, F=n_frames)
-    for name, array in {**path, **schedules}.items():
-        _check(bool(np.isfinite(array).all()), name)
+    _check_finite({**path, **schedules})
     for name in ("press_frame", "orientation_frame"):
         _check_index(schedules[name], 0, n_frames, name)
     if kind == "mixture":
@@ -157,6 +160,7 @@ def _check_layout(layout: ActionLayout, dt: Any) -> None:
 def _check_decision(decision: Any, size: int, n_classes: int) -> None:
     kind, arrays = next(name for name, cls in DECISIONS.items() if cls is type(decision)), decision._asdict()
     _check_shapes(arrays, DECISION_SHAPES[kind], N=size, C=n_classes)
+    _check_finite(arrays)
     if kind == "votes":
         every = np.argwhere(np.triu(np.ones((n_classes, n_classes)), 1))
         _check(n_classes > 1 and np.array_equal(arrays["pairs"], every), "pairs")
@@ -170,6 +174,11 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], **sizes:
         _check(len(shape) == len(word), name)
         for letter, n in zip(word, shape, strict=True):
             _check(n == (int(letter) if letter.isdigit() else sizes.setdefault(letter, n)), name)
+
+
+def _check_finite(arrays: Mapping[str, Any]) -> None:
+    for name, array in arrays.items():
+        _check(bool(np.isfinite(array).all()), name)
 
 
 def _check_starts(starts: Any, n: int, stop: int) -> None:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfd_gym.errors import SkillFileError
+from lfd_gym.errors import InvalidArgumentError, SkillFileError
 from lfd_gym.paths import written_whole
 
 SCHEMA = "lfd_gym.skill/3"
@@ -45,6 +45,8 @@ class Skill(ABC):
 
     def __init__(self, env_id: str, taught_seeds: tuple[int, ...], metadata: Mapping[str, Any]) -> None:
         """env_id it was taught in, reset seeds of the demonstrations, and JSON-able facts for reports."""
+        if not isinstance(env_id, str):
+            raise InvalidArgumentError(f"env_id is {env_id!r}; it must be the id of an environment")
         self.env_id, self.taught_seeds, self.metadata = env_id, tuple(taught_seeds), dict(metadata)
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -98,7 +98,7 @@ def test_a_skill_is_judged_under_either_reward_but_at_its_own_rate() -> None:
         check_fits(policy, make("move-object", control_hz=25))
     with pytest.raises(InvalidArgumentError, match="no environment of this suite"):
         evaluate("CartPole-v1", RandomPolicy(), episodes=1, seed=100000)
-    for foreign in ("lfd_gym:lfd_gym/Nothing-v0", "no_such_module:Nothing-v0"):
+    for foreign in ("lfd_gym:lfd_gym/Nothing-v0", "no_such_module:Nothing-v0", "toy: "):
         with pytest.raises(InvalidArgumentError, match="cannot be made"):
             evaluate(foreign, RandomPolicy(), episodes=1, seed=100000)
 
@@ -211,6 +211,12 @@ def test_the_policy_sees_a_start_once_and_its_own_state_afterwards() -> None:
 def test_an_unknown_environment_lists_the_known_ones() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'light-bulb'.*move-object"):
         evaluate("light-bulp", toy.PointPolicy(), episodes=1, seed=0)
+
+
+@pytest.mark.parametrize("name", [":", "toy:", ":Point-v0", "toy:toy:Point-v0"])
+def test_an_environment_of_another_module_is_asked_for_as_module_and_id(name: str) -> None:
+    with pytest.raises(UnknownNameError, match=f"no environment '{name}'.*move-object"):
+        make(name)
 
 
 def test_recording_twice_gives_equal_files_and_seeds_beyond_evaluation(tmp_path) -> None:

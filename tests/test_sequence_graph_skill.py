@@ -287,6 +287,40 @@ def test_files_whose_parts_do_not_fit_are_refused(skill, tmp_path, name, value):
         load_skill(tmp_path / "changed.npz")
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_are_refused(taught, value):
+    skill = SequenceGraphLearner(observations=("hand_position",), feature="primitive").fit(taught).skill_
+    values, arrays = skill.to_arrays()
+    facts = {"env_id": skill.env_id, "taught_seeds": (), "metadata": {}}
+    floats = [name for name, array in arrays.items() if array.dtype.kind == "f" and array.size]
+    assert {"goal", "observed_low", "node1_gains", "node1_dwell", "node1_decision_support"} <= set(floats)
+    for name in floats:
+        broken = arrays[name].copy()
+        broken.flat[-1] = value
+        with pytest.raises(ValueError, match="does not fit the rest"):
+            SequenceGraphSkill.from_arrays(values, arrays | {name: broken}, **facts)
+
+
+@pytest.mark.parametrize("patience", [np.nan, -1.0, "1.0"])
+def test_a_patience_that_is_none_is_refused(skill, patience):
+    values, arrays = skill.to_arrays()
+    nodes = [node | {"patience": patience} for node in values["nodes"]]
+    facts = {"env_id": skill.env_id, "taught_seeds": (), "metadata": {}}
+    with pytest.raises(ValueError, match="'patience' does not fit"):
+        SequenceGraphSkill.from_arrays(values | {"nodes": nodes}, arrays, **facts)
+
+
+def test_an_environment_that_is_no_id_is_refused(skill, tmp_path):
+    skill.save(tmp_path / "skill.npz")
+    with np.load(tmp_path / "skill.npz") as file:
+        arrays = {key: file[key] for key in file.files}
+    header = json.loads(str(arrays["header"]))
+    header["facts"]["env_id"] = 5
+    np.savez(tmp_path / "changed.npz", **(arrays | {"header": np.array(json.dumps(header))}))
+    with pytest.raises(SkillFileError, match="damaged"):
+        load_skill(tmp_path / "changed.npz")
+
+
 @pytest.mark.parametrize("classifier", ["lr", "klr", "svm", "gmm"])
 def test_every_array_of_a_decision_has_the_size_of_the_others(skill, classifier):
     at = max(range(len(skill.nodes)), key=lambda i: len(skill.nodes[i].targets))
