@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 from lfd_gym import paths
 from lfd_gym.errors import UnknownNameError
 
-Array = NDArray[np.float64]
-
 N_JOINTS = 7
-JOINT_NAMES = tuple(f"wam_joint_{i}" for i in range(1, 8))
 HAND_JOINT_NAMES = ("finger_1_spread", "finger_1_proximal", "finger_2_proximal", "finger_3_proximal")
 TOOLS = {"hand": "barrett_hand.xml", "pen": "pen.xml"}
 """What can be mounted on the wrist sensor, and its file; its names carry the prefix `hand/` or `pen/`."""
@@ -96,33 +93,3 @@ def handles(model: mujoco.MjModel, data: mujoco.MjData, tool: str) -> Handles:
         ),
         hand_addresses=addresses,
     )
-
-
-def inverse_kinematics(model: mujoco.MjModel, tool: str, position: Array, quaternion: Array) -> Array | None:
-    """Joint angles (7,) that bring the tool point to a pose, near `HOME`; None where it is out of reach.
-
-    Damped least squares on a scratch simulation; the answer keeps 3 degrees from every joint limit.
-    """
-    data = mujoco.MjData(model)
-    low, high = model.jnt_range[:N_JOINTS].T
-    margin = math.radians(3.0)
-    site = model.site(f"{tool}/tool").id
-    jacobian, error, current = np.zeros((6, model.nv)), np.empty(6), np.empty(4)
-    data.qpos[:N_JOINTS] = HOME
-    for _ in range(200):
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        error[:3] = position - data.site_xpos[site]
-        mujoco.mju_mat2Quat(current, data.site_xmat[site])
-        mujoco.mju_negQuat(current, current)
-        mujoco.mju_mulQuat(turn := np.empty(4), quaternion, current)
-        mujoco.mju_quat2Vel(error[3:], turn, 1.0)
-        if np.abs(error[:3]).max() < 1e-5 and np.abs(error[3:]).max() < 1e-4:
-            return data.qpos[:N_JOINTS].copy()
-        mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
-        j = jacobian[:, :N_JOINTS]
-        step = j.T @ np.linalg.solve(j @ j.T + 1e-4 * np.eye(6), error)
-        data.qpos[:N_JOINTS] = np.clip(
-            data.qpos[:N_JOINTS] + step * min(1.0, 0.3 / max(np.abs(step).max(), 1e-9)), low + margin, high - margin
-        )
-    return None

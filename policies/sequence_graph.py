@@ -116,20 +116,6 @@ class SequenceGraph:
             lines.append(f"{text[node]} -> {', '.join(after) if after else 'end'}")
         return "\n".join(lines)
 
-    def to_dot(self, names: Sequence[str] | None = None) -> str:
-        """Graphviz source."""
-        text = [name.replace('"', "'") for name in self.node_names(names)]
-        nodes = [f'  n{i} [label="{name}"];' for i, name in enumerate(text)]
-        edges = [f"  n{a} -> n{b} [label={len(points)}];" for (a, b), points in self.transitions.items()]
-        return "\n".join(["digraph sequence_graph {", "  rankdir=LR;", *nodes, *edges, "}"])
-
-    def to_mermaid(self, names: Sequence[str] | None = None) -> str:
-        """Mermaid source."""
-        text = [name.replace('"', "'") for name in self.node_names(names)]
-        nodes = [f'  n{i}["{name}"]' for i, name in enumerate(text)]
-        edges = [f"  n{a} -->|{len(points)}| n{b}" for (a, b), points in self.transitions.items()]
-        return "\n".join(["graph LR", *nodes, *edges])
-
     def to_dict(self) -> dict:
         """JSON-able form; from_dict inverts it."""
         edges = [[a, b, [list(point) for point in points]] for (a, b), points in self.transitions.items()]

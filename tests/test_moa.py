@@ -54,7 +54,7 @@ def test_turning_and_shifting_the_scene_turns_and_shifts_the_answer(moving):
 def test_activations_are_non_negative_and_sum_to_one():
     _, _, points, frames = planted(np.random.default_rng(2), noise=0.02)
     moa = learned(points, frames)
-    a = moa.attractor_activations()
+    a = moa.attractors_.corner_activations(moa.z_)
     assert a.shape == (12, 3, 4)
     assert a.min() >= 0.0
     assert np.abs(a.sum(axis=(1, 2)) - 1.0).max() < 1e-12
@@ -184,7 +184,7 @@ def test_joint_limits_are_kept_from_rest():
         x = moa.predict(Frames.world(7), start, n=400)
         assert x.min() >= -1.0 - 1e-12
         assert x.max() <= 1.0 + 1e-12
-    assert moa.attractor_activations().shape == (40, 1, 128)
+    assert moa.attractors_.corner_activations(moa.z_).shape == (40, 1, 128)
     assert moa.predict(Frames.world(7), 0.5 * high, high).max() > 1.01  # not kept by a start in motion
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from placed_arm import inverse_kinematics
 from registered import IDS, Observation, assert_equal, make
 
 from lfd_gym import quaternion, wam
@@ -138,7 +139,7 @@ def test_the_arm_reaches_every_corner_of_the_area(env_id: str) -> None:
                 for yaw in yaws:
                     turn = quaternion.from_rotation_vector(np.array([0.0, 0.0, yaw]))
                     goal = quaternion.multiply(turn, wam.TOOL_DOWN)
-                    found = wam.inverse_kinematics(env.model, env.tool, np.array([x, y, height]), goal)
+                    found = inverse_kinematics(env.model, env.tool, np.array([x, y, height]), goal)
                     assert found is not None, (x, y, height, yaw)
 
 

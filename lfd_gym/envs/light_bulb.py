@@ -18,8 +18,6 @@ AREA_LOW, AREA_HIGH = np.array([0.48, -0.30]), np.array([0.73, 0.30])
 MIN_DISTANCE = 0.20
 SEAT = 0.020
 """Height of the cap's foot when screwed in [m]."""
-PITCH = 0.00362
-"""Rise per turn of an E27 thread [m]."""
 BOX_HALF = 0.084
 CLEARANCE = 0.15
 

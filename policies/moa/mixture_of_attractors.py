@@ -220,11 +220,6 @@ class MixtureOfAttractors(BaseEstimator):
         low, high = self.attractors_.low, self.attractors_.high
         return alpha, 0.5 * (alpha[..., None] * (low + high) + rho * (high - low))
 
-    def attractor_activations(self) -> Array:
-        """S, the activations (N_S, F, 2^d) of every attractor at the support points."""
-        check_is_fitted(self, "z_")
-        return self.attractors_.corner_activations(self.z_)
-
     def _check_arguments(self) -> None:
         if self.n_support is not None:
             check_count("n_support", self.n_support, 2)
