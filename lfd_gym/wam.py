@@ -5,13 +5,14 @@ sensor from Barrett's data sheets. The kinematics and inertias stand in ``assets
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import paths
+from lfd_gym.action import ActionLayout
 from lfd_gym.errors import UnknownNameError
 
 N_JOINTS = 7
@@ -45,6 +46,21 @@ class Handles(NamedTuple):
     """The arrays of `servo.tick` from `qpos` to `ctrl`."""
     hand_addresses: NDArray[np.int64]
     """Addresses of spread and finger angles in `qpos`; empty for a pen."""
+
+
+def action_layout(low: ArrayLike, high: ArrayLike, **differs: Any) -> ActionLayout:
+    """The actions of the arm with its hand, which may turn by 0.3 rad in tilt and 1.6 rad in yaw.
+
+    Args:
+        low: lower corner of the workspace box of the tool point, world frame, shape (3,) [m].
+        high: its upper corner.
+        differs: the other fields of `ActionLayout`, where a task needs them otherwise.
+    """
+    usual: dict[str, Any] = {
+        "rotation_limit": (0.3, 0.3, 1.6), "force_limit": 20.0, "hand_low": HAND_LOW, "hand_high": HAND_HIGH,
+        "reference_quaternion": TOOL_DOWN, "alpha": 16.0, "beta": 4.0, "speed_limit": 0.5, "turn_limit": 1.8,
+    }  # fmt: skip
+    return ActionLayout(np.asarray(low), np.asarray(high), **(usual | differs))
 
 
 def scene_spec(

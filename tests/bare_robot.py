@@ -12,19 +12,7 @@ from lfd_gym import paths, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.robot import Robot
 
-LAYOUT = ActionLayout(
-    workspace_low=np.array([0.30, -0.5, -0.05]),
-    workspace_high=np.array([0.90, 0.5, 0.60]),
-    rotation_limit=np.array([1.0, 1.0, 1.6]),
-    force_limit=20.0,
-    hand_low=np.array(wam.HAND_LOW),
-    hand_high=np.array(wam.HAND_HIGH),
-    reference_quaternion=wam.TOOL_DOWN,
-    alpha=16.0,
-    beta=4.0,
-    speed_limit=0.5,
-    turn_limit=1.8,
-)
+LAYOUT = wam.action_layout((0.30, -0.5, -0.05), (0.90, 0.5, 0.60), rotation_limit=(1.0, 1.0, 1.6))
 FAST = replace(LAYOUT, alpha=8.0, beta=2.0, speed_limit=100.0, turn_limit=100.0)
 """Nothing saturates: an attractor slow enough for the motors, without speed limits."""
 

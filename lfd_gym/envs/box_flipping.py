@@ -9,7 +9,6 @@ from dm_control.utils.rewards import tolerance
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion, wam
-from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
 from lfd_gym.envs.touch import count_contacts
@@ -63,19 +62,7 @@ class BoxFlippingEnv(ManipulationEnv):
     time_limit = 30.0
     controls = ("x", "y", "z", "yaw", "press")
     hand_open = (0.6, 0.6, 0.6, 2.44)
-    layout = ActionLayout(
-        workspace_low=np.array([0.36, -0.40, 0.02]),
-        workspace_high=np.array([0.80, 0.18, 0.40]),
-        rotation_limit=np.array([0.3, 0.3, 0.6]),
-        force_limit=20.0,
-        hand_low=np.array(wam.HAND_LOW),
-        hand_high=np.array(wam.HAND_HIGH),
-        reference_quaternion=wam.TOOL_DOWN,
-        alpha=16.0,
-        beta=4.0,
-        speed_limit=0.5,
-        turn_limit=1.8,
-    )
+    layout = wam.action_layout((0.36, -0.40, 0.02), (0.80, 0.18, 0.40), rotation_limit=(0.3, 0.3, 0.6))
 
     @staticmethod
     def press_direction(observation: Mapping[str, Array]) -> Array:

@@ -9,7 +9,6 @@ import numpy as np
 from dm_control.utils.rewards import tolerance
 
 from lfd_gym import quaternion, wam
-from lfd_gym.action import ActionLayout
 from lfd_gym.envs.manipulation_env import ManipulationEnv
 from lfd_gym.envs.setups import upright
 from lfd_gym.errors import InvalidSetupError
@@ -54,19 +53,7 @@ class BoxStackingEnv(ManipulationEnv):
     movable = ("box_green",)
     subtasks = ("green_on_yellow", "red_on_green", "blue_on_red")
     time_limit = 90.0
-    layout = ActionLayout(
-        workspace_low=np.array([0.40, -0.35, 0.02]),
-        workspace_high=np.array([0.75, 0.35, 0.36]),
-        rotation_limit=np.array([0.3, 0.3, 1.6]),
-        force_limit=20.0,
-        hand_low=np.array(wam.HAND_LOW),
-        hand_high=np.array(wam.HAND_HIGH),
-        reference_quaternion=wam.TOOL_DOWN,
-        alpha=16.0,
-        beta=4.0,
-        speed_limit=0.5,
-        turn_limit=1.8,
-    )
+    layout = wam.action_layout((0.40, -0.35, 0.02), (0.75, 0.35, 0.36))
 
     def build(self) -> None:
         """Find the boxes and register their masses and frictions."""

@@ -10,7 +10,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion, wam
-from lfd_gym.action import ActionLayout
 from lfd_gym.envs.manipulation_env import ManipulationEnv
 from lfd_gym.envs.touch import count_contacts
 from lfd_gym.errors import InvalidSetupError
@@ -73,19 +72,7 @@ class CylinderGraspEnv(ManipulationEnv):
     subtasks = ("grasped", "lifted", "demonstrated_grasp")
     time_limit = 60.0
     n_hidden = 1
-    layout = ActionLayout(
-        workspace_low=np.array([0.40, -0.40, 0.005]),
-        workspace_high=np.array([0.82, 0.40, 0.36]),
-        rotation_limit=np.array([0.3, 0.3, 2.0]),
-        force_limit=20.0,
-        hand_low=np.array(wam.HAND_LOW),
-        hand_high=np.array(wam.HAND_HIGH),
-        reference_quaternion=wam.TOOL_DOWN,
-        alpha=16.0,
-        beta=4.0,
-        speed_limit=0.5,
-        turn_limit=1.8,
-    )
+    layout = wam.action_layout((0.40, -0.40, 0.005), (0.82, 0.40, 0.36), rotation_limit=(0.3, 0.3, 2.0))
 
     def build(self) -> None:
         """Find the cylinder; register its friction and all that differs between the lengths."""

@@ -8,7 +8,6 @@ import numpy as np
 from dm_control.utils.rewards import tolerance
 
 from lfd_gym import wam
-from lfd_gym.action import ActionLayout
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
 from lfd_gym.envs.touch import count_contacts
@@ -48,19 +47,7 @@ class MoveObjectEnv(ManipulationEnv):
     movable = ("object",)
     subtasks = ("grasped", "at_target", "released")
     time_limit = 30.0
-    layout = ActionLayout(
-        workspace_low=np.array([0.43, -0.30, 0.01]),
-        workspace_high=np.array([0.78, 0.30, 0.40]),
-        rotation_limit=np.array([0.3, 0.3, 1.6]),
-        force_limit=20.0,
-        hand_low=np.array(wam.HAND_LOW),
-        hand_high=np.array(wam.HAND_HIGH),
-        reference_quaternion=wam.TOOL_DOWN,
-        alpha=16.0,
-        beta=4.0,
-        speed_limit=0.5,
-        turn_limit=1.8,
-    )
+    layout = wam.action_layout((0.43, -0.30, 0.01), (0.78, 0.30, 0.40))
 
     def build(self) -> None:
         """Find the object and register its mass and friction."""

@@ -12,7 +12,6 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from lfd_gym import alphabet, ink, quaternion, wam
-from lfd_gym.action import ActionLayout
 from lfd_gym.compiled import bound
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
@@ -75,18 +74,15 @@ class WhiteboardEnv(ManipulationEnv):
     stiffness = 1600.0
     controls = ("x", "y", "z", "press")
     n_hidden = 2 * ink.WORDS
-    layout = ActionLayout(
-        workspace_low=np.array([0.40, -0.47, 0.0]),
-        workspace_high=np.array([0.80, 0.47, 0.40]),
-        rotation_limit=np.array([0.3, 0.3, 0.6]),
+    layout = wam.action_layout(
+        (0.40, -0.47, 0.0),
+        (0.80, 0.47, 0.40),
+        rotation_limit=(0.3, 0.3, 0.6),
         force_limit=10.0,
-        hand_low=np.array([]),
-        hand_high=np.array([]),
-        reference_quaternion=wam.TOOL_DOWN,
+        hand_low=(),
+        hand_high=(),
         alpha=40.0,
         beta=10.0,
-        speed_limit=0.5,
-        turn_limit=1.8,
     )
 
     def __init__(self, words: Sequence[str] = ("IAS", "HRI"), **kwargs: Any) -> None:
