@@ -71,7 +71,7 @@ def test_the_info_has_the_same_keys_and_types_always(env: Any) -> None:
         assert info["success"] == info["is_success"]
 
 
-def test_quaternions_have_a_sign_and_unit_length(env: Any) -> None:
+def test_quaternions_have_a_sign_and_unit_length_along_the_way(env: Any) -> None:
     observation, _ = env.reset(seed=2)
     for action in actions(env, 100):
         for name in env.frames:
@@ -82,6 +82,22 @@ def test_quaternions_have_a_sign_and_unit_length(env: Any) -> None:
             assert observation[key] @ env.action_layout.reference_quaternion >= 0.0
             assert np.linalg.norm(observation[key]) == pytest.approx(1.0, abs=1e-9)
         observation = env.step(action)[0]
+
+
+def test_an_orientation_has_one_quaternion_however_the_simulation_writes_it(env: Any) -> None:
+    """The bodies' quaternions are negated, and the wrist turns beyond where a matrix gives a quaternion of the other sign."""
+    env.reset(seed=2)
+    model, data, seen = env.model, env.data, env._observe()
+    data.mocap_quat[:] *= -1.0
+    for first in model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
+        data.qpos[first + 3 : first + 7] *= -1.0
+    for turn in (-2.5, 2.5):
+        data.qpos[6] = turn
+        mujoco.mj_forward(model, data)
+        again = env._observe()
+        for name in env.frames:
+            np.testing.assert_array_equal(again[f"frame_{name}"], seen[f"frame_{name}"])
+        assert again["tool_quaternion"] @ env.action_layout.reference_quaternion > 0.0
 
 
 def test_the_dense_reward_stays_below_that_of_success(env: Any) -> None:

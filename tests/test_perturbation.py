@@ -5,7 +5,7 @@ import pytest
 
 from lfd_gym import quaternion, wam
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
-from lfd_gym.perturbation import EARLIEST, LATEST, PUSH_TIME, Perturbation, Schedule
+from lfd_gym.perturbation import EARLIEST, LATEST, PUSH_TIME, SLIPPERY, Perturbation, Schedule
 from lfd_gym.registry import make
 from lfd_gym.rollout import TeacherPolicy, rollout
 from scripted_teachers.move_object import MoveObjectTeacher
@@ -158,13 +158,17 @@ def test_slippery_fingertips_decide_the_friction_of_a_contact() -> None:
     env = make("move-object", perturbation={"slip": 0.5})
     env.reset(seed=SEED)
     world = env.unwrapped
+    usual = world.model.geom_friction[world._tips, 0].copy()
     start = next(t for t in np.arange(0.0, LATEST + 1.0, 0.02) if world._schedule.slips(t))
     world.data.time = start + 0.1
     env.step(np.zeros(env.action_space.shape, dtype=np.float32))
     assert set(world.model.geom_priority[world._tips]) == {2}
+    assert set(world.model.geom_friction[world._tips, 0]) == {SLIPPERY}
+    assert usual.min() > SLIPPERY
     world.data.time = start + 1.0
     env.step(np.zeros(env.action_space.shape, dtype=np.float32))
     assert set(world.model.geom_priority[world._tips]) == {0}
+    assert np.array_equal(world.model.geom_friction[world._tips, 0], usual)
 
 
 def test_a_perturbed_state_is_restored_exactly() -> None:

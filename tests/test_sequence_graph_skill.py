@@ -322,7 +322,7 @@ def test_an_environment_that_is_no_id_is_refused(skill, tmp_path):
 
 
 @pytest.mark.parametrize("classifier", ["lr", "klr", "svm", "gmm"])
-def test_every_array_of_a_decision_has_the_size_of_the_others(skill, classifier):
+def test_a_decision_is_kept_and_every_array_of_it_has_the_size_of_the_others(skill, classifier):
     at = max(range(len(skill.nodes)), key=lambda i: len(skill.nodes[i].targets))
     node, rng = skill.nodes[at], np.random.default_rng(0)
     classes = np.repeat(np.arange(len(node.targets)), 20)
@@ -333,7 +333,10 @@ def test_every_array_of_a_decision_has_the_size_of_the_others(skill, classifier)
     values, arrays = SequenceGraphSkill(
         skill.graph, skill.primitives, nodes, skill.named, skill.layout, skill.dt, **facts
     ).to_arrays()
-    SequenceGraphSkill.from_arrays(values, arrays, **facts)
+    again = SequenceGraphSkill.from_arrays(values, arrays, **facts).nodes[at].decision
+    assert type(again) is type(decision)
+    for name, array in decision._asdict().items():
+        np.testing.assert_array_equal(getattr(again, name), array)
     assert len(node.targets) >= 3
     for name in decision._fields:
         key = f"node{at}_decision_{name}"

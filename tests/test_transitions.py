@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from policies.decisions import DECISIONS, VotingDecision, constant_decision
+from policies.decisions import VotingDecision, constant_decision
 from policies.feature_selection import separation
 from policies.transitions import CLASSIFIERS, logistic_slope
 
@@ -98,16 +98,6 @@ def test_weights_shift_the_border(classifier):
         grid = np.linspace(0, 2, 400)
         borders.append(grid[np.argmax([np.argmax(decision.scores(np.array([f]))) == 1 for f in grid])])
     assert borders[1] < borders[0]
-
-
-@pytest.mark.parametrize(("classifier", "settings"), KINDS)
-def test_decisions_are_rebuilt_from_their_arrays(classifier, settings):
-    features, classes, weights, unseen = problem(3, 2, seed=0)
-    _, decision = CLASSIFIERS[classifier](features, classes, weights, C=1.0, **settings)
-    kind = {cls: name for name, cls in DECISIONS.items()}[type(decision)]
-    again = DECISIONS[kind](**{name: np.asarray(a) for name, a in decision._asdict().items()})
-    assert all((again.scores(f) == decision.scores(f)).all() for f in unseen)
-    assert all((again.probabilities(f) == decision.probabilities(f)).all() for f in unseen)
 
 
 def test_constant_decision_stays():
