@@ -3,7 +3,8 @@
 Goal distances say how far a movement has come. What kind of object lies there, or whether the hand still holds it, shows
 in other quantities: features of an object, joint angles and torques of the hand, the wrench. They are scaled by what was
 demonstrated, f = (o - o_low) / (o_high - o_low), with the smallest and largest value in all demonstrations, and clipped to
-[0, 1]: a value beyond what was demonstrated counts as its border, as a goal distance saturates.
+[0, 1]: a value beyond what was demonstrated counts as its border, as a goal distance saturates. They are as they were observed,
+a wrench in the axes of the world: what is felt sideways is not recognised where the scene is turned.
 """
 
 from collections.abc import Mapping, Sequence

@@ -32,7 +32,8 @@ def learn_orientations(quaternions: Sequence[Array], axes: Sequence[Array], dt: 
     """The schedule of aligned demonstrations, with orientations (N, 4) in the world and axes (F, 3, 3) of the frames at rest.
 
     The spread in a frame is the mean squared distance |R - R_mean|^2 / 2 of the rotation matrices; frames change where that
-    pays, by the sequence of least spread over time plus `SWITCH` for every change. Equally good frames: the first one.
+    pays, by the sequence of least spread over time plus `SWITCH` for every change. Equally good frames: the first one, so
+    that a single demonstration's orientations are those in the world.
     """
     turns = [Rotation.from_quat(q, scalar_first=True).as_matrix() for q in quaternions]
     relative = np.mean([a.swapaxes(1, 2) @ turn[:, None] for a, turn in zip(axes, turns, strict=True)], axis=0)

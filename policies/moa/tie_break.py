@@ -8,6 +8,8 @@ as well as the best, this stage takes those of least
 
 c_sf the distance of the demonstrated points to the origin of frame f around support point s: what happens near an object is
 relative to it. R is linear up to its second part, so its minimisers lie in corners: few frames at a time, and few switches.
+The world is one of the frames: where its origin lies among the objects and not, as here, in the robot's base, it is taken for
+one of them.
 """
 
 import numpy as np
