@@ -66,79 +66,22 @@ def tick(  # type: ignore[no-untyped-def]
         impedance: of the outside hand.
         work: scratch (27, 14); gains: of the null space.
     """
-    s, c, m = settings[0], command[0], memory[0]
-    n = controller.N_JOINTS
+    m, n = memory[0], controller.N_JOINTS
     jacobian, drift, error, feed = work[0:6, :7], work[6, :6], work[7, :6], work[8, :6]
     wrench, e_d, e_f, torque, xi = work[9, :6], work[10, :6], work[11, :6], work[12, :7], work[13, :7]
-    last, faster = work[9, 8:14], work[10, 8:14]
-    full, selection, scratch = work[14:21, :7], work[14:20, 8:14], work[21:27]
+    change, full, selection, scratch = work[9, 8:14], work[14:21, :7], work[14:20, 8:14], work[21:27]
+    s, turned = settings[0], quaternion.from_matrix_(tool_rotation)
     controller.arm_jacobian(anchor, axis, qvel, tool, jacobian, drift)
-    for i in range(6):
-        last[i], m.tool_velocity[i] = m.tool_velocity[i], 0.0
-        for j in range(n):
-            m.tool_velocity[i] += jacobian[i, j] * qvel[j]
-
     sensing.external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, wrench)
-    m.ticks += 1
-    for i in range(6):
-        wrench[i] += c.sensor_error[i]
-        m.wrench_sum[i] += wrench[i]
-    blend = 1.0 - math.exp(-s.dt * s.filter)
-    along = inertial = 0.0
-    magnitude = math.sqrt(c.force[0] * c.force[0] + c.force[1] * c.force[1] + c.force[2] * c.force[2])
-    for i in range(6):
-        faster[i] = m.tool_velocity[i] - last[i]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        swung = faster[3 + j] * (tool_com[k] - tool[k]) - faster[3 + k] * (tool_com[j] - tool[j])
-        m.pressed[i] += blend * (-wrench[i] - m.pressed[i])
-        along += m.pressed[i] * c.force[i] / magnitude if magnitude > 0.0 else 0.0
-        inertial += s.tool_mass / s.dt * (faster[i] + swung) * c.force[i] / magnitude if magnitude > 0.0 else 0.0
-    before = int(m.mode)
-    mode, timer = contact.advance(before, m.timer, m.direction, c.force, along, inertial, s.dt)
-    d = m.direction
-    if mode == contact.CONTACT:
-        for i in range(3):
-            # a tool that is pulled out of the workspace comes back to its border
-            beyond = tool[i] - s.workspace_high[i] if d[i] > 0.0 else s.workspace_low[i] - tool[i]
-            if d[i] != 0.0 and beyond > BEYOND:
-                mode, timer = contact.APPROACH, 0.0
-    m.mode, m.timer = mode, timer
-    in_contact = mode == contact.CONTACT
-    if (in_contact and before != contact.CONTACT) or not in_contact:
-        m.force_integral = 0.0
-
-    turned = quaternion.from_matrix_(tool_rotation)
+    along, inertial = feel(settings, command, memory, jacobian, qvel, tool, tool_com, wrench, change)
+    touch(settings, command, memory, tool, along, inertial)
     reference.move_reference(settings, command, memory, tool, turned, anchor, axis, error, feed)
-    speed_along = 0.0
-    for i in range(3):
-        speed_along += d[i] * m.tool_velocity[i]
-    if in_contact:
-        m.force_integral += s.force_integral * s.dt * (magnitude - along)
-        m.force_integral = min(max(m.force_integral, -magnitude), magnitude)
-    for i in range(6):
-        limit = s.integral_limit[0] if i < 3 else s.integral_limit[1]
-        m.integral[i] = min(max(m.integral[i] + s.integral * s.dt * error[i], -limit), limit)
-        e_d[i] = e_f[i] = 0.0
-        for j in range(6):
-            selection[i, j] = 1.0 if i == j else 0.0
-    if in_contact:
-        stored = d[0] * m.integral[0] + d[1] * m.integral[1] + d[2] * m.integral[2]
-        for i in range(3):
-            m.integral[i] -= stored * d[i]
-            e_d[i] = -s.force_damping * speed_along * d[i]
-            e_f[i] = (magnitude + m.force_integral) * d[i]
-            for j in range(3):
-                selection[i, j] -= d[i] * d[j]
-    for i in range(6):
-        feed[i] += s.stiffness * error[i] + s.damping * (m.velocity[i] - m.tool_velocity[i]) + m.integral[i]
-
+    regulate(settings, command, memory, along, error, feed, selection, e_d, e_f)
     if m.guided:
         guidance.outside_hand(memory, impedance, tool, tool_rotation, guided_link, guided_wrench)
         guidance.follow(memory, tool, turned)
         for i in range(6):
             feed[i] = e_d[i] = e_f[i] = 0.0
-
     k = 0
     for i in range(n):
         for j in range(i + 1):
@@ -146,14 +89,128 @@ def tick(  # type: ignore[no-untyped-def]
             k += 1
     controller.null_space_acceleration(qpos, qvel, s.rest, s.joint_low, s.joint_high, gains, xi)
     controller.hybrid_torque(full, jacobian, drift, bias, selection, feed, e_d, e_f, xi, torque, scratch)
-    for i in range(n):
+    drive_arm(settings, qpos, qvel, inertia, torque, ctrl)
+    drive_hand(settings, command, memory, qpos, hand_joints, ctrl)
+
+
+@njit(cache=True)
+def feel(  # type: ignore[no-untyped-def]
+    settings,
+    command,
+    memory,
+    jacobian: Array,
+    qvel: Array,
+    tool: Array,
+    tool_com: Array,
+    wrench: Array,
+    change: Array,
+) -> tuple[float, float]:
+    """Measures the tool's twist, adds up the wrench, and filters the force of the tool on the world.
+
+    Args:
+        settings, command, memory: arrays of one record each.
+        jacobian: of the tool point (6, 7).
+        qvel: joint speeds, the arm's first.
+        tool, tool_com: tool point, and centre of mass of all that hangs on the sensor, world frame.
+        wrench: what the world exerts on the tool (6,); the sensor's error is added.
+        change: scratch (6,).
+
+    Returns:
+        Along the commanded force [N]: the filtered force of the tool on the world, and what accelerates the tool now.
+    """
+    s, c, m = settings[0], command[0], memory[0]
+    for i in range(6):
+        before, m.tool_velocity[i] = m.tool_velocity[i], 0.0
+        for j in range(controller.N_JOINTS):
+            m.tool_velocity[i] += jacobian[i, j] * qvel[j]
+        change[i] = m.tool_velocity[i] - before
+        wrench[i] += c.sensor_error[i]
+        m.wrench_sum[i] += wrench[i]
+    m.ticks += 1
+    blend = 1.0 - math.exp(-s.dt * s.filter)
+    along = inertial = 0.0
+    magnitude = _length(c.force)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        swung = change[3 + j] * (tool_com[k] - tool[k]) - change[3 + k] * (tool_com[j] - tool[j])
+        m.pressed[i] += blend * (-wrench[i] - m.pressed[i])
+        if magnitude > 0.0:
+            along += m.pressed[i] * c.force[i] / magnitude
+            inertial += s.tool_mass / s.dt * (change[i] + swung) * c.force[i] / magnitude
+    return along, inertial
+
+
+@njit(cache=True)
+def touch(settings, command, memory, tool: Array, along: float, inertial: float) -> None:  # type: ignore[no-untyped-def]
+    """Decides who owns the direction of a commanded force; what `feel` returned tells whether there is contact.
+
+    A tool that is pulled out of the workspace comes back to its border.
+    """
+    s, c, m = settings[0], command[0], memory[0]
+    before, d = int(m.mode), m.direction
+    mode, timer = contact.advance(before, m.timer, d, c.force, along, inertial, s.dt)
+    if mode == contact.CONTACT:
+        for i in range(3):
+            beyond = tool[i] - s.workspace_high[i] if d[i] > 0.0 else s.workspace_low[i] - tool[i]
+            if d[i] != 0.0 and beyond > BEYOND:
+                mode, timer = contact.APPROACH, 0.0
+    m.mode, m.timer = mode, timer
+    if mode != contact.CONTACT or before != contact.CONTACT:
+        m.force_integral = 0.0
+
+
+@njit(cache=True)
+def regulate(  # type: ignore[no-untyped-def]
+    settings, command, memory, along: float, error: Array, feed: Array, selection: Array, e_d: Array, e_f: Array
+) -> None:
+    """Writes what equation (2.2) is given: S, the accelerations e_x (added to `feed`) and e_d, and the wrench e_f.
+
+    The PID of the pose acts on the reference's error (6,); in contact the force along d is regulated by a PI controller with
+    damping, and the integral of the pose stores nothing along d.
+    """
+    s, c, m = settings[0], command[0], memory[0]
+    d, in_contact, magnitude = m.direction, m.mode == contact.CONTACT, _length(c.force)
+    for i in range(6):
+        limit = s.integral_limit[0] if i < 3 else s.integral_limit[1]
+        m.integral[i] = min(max(m.integral[i] + s.integral * s.dt * error[i], -limit), limit)
+        e_d[i] = e_f[i] = 0.0
+        for j in range(6):
+            selection[i, j] = 1.0 if i == j else 0.0
+    if in_contact:
+        m.force_integral += s.force_integral * s.dt * (magnitude - along)
+        m.force_integral = min(max(m.force_integral, -magnitude), magnitude)
+        stored = d[0] * m.integral[0] + d[1] * m.integral[1] + d[2] * m.integral[2]
+        speed = 0.0
+        for i in range(3):
+            speed += d[i] * m.tool_velocity[i]
+        for i in range(3):
+            m.integral[i] -= stored * d[i]
+            e_d[i] = -s.force_damping * speed * d[i]
+            e_f[i] = (magnitude + m.force_integral) * d[i]
+            for j in range(3):
+                selection[i, j] -= d[i] * d[j]
+    for i in range(6):
+        feed[i] += s.stiffness * error[i] + s.damping * (m.velocity[i] - m.tool_velocity[i]) + m.integral[i]
+
+
+@njit(cache=True)
+def drive_arm(settings, qpos: Array, qvel: Array, inertia: Array, torque: Array, ctrl: Array) -> None:  # type: ignore[no-untyped-def]
+    """Writes the arm's torques (7,) within their limits: joint friction is compensated, and joints that are too fast braked.
+
+    What is too fast is taken back over four ticks, by the inertia that the joint feels.
+    """
+    s = settings[0]
+    for i in range(controller.N_JOINTS):
         load = torque[i] + s.joint_damping[i] * qvel[i] + s.joint_friction[i] * math.tanh(qvel[i] / s.friction_speed)
         load = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
         excess = overspeed(qpos[i], qvel[i], s.joint_low[i], s.joint_high[i], s.joint_speed, s.joint_brake)
-        # what is too fast is taken back over four ticks, by the inertia that the joint feels
         load -= 0.25 / s.dt * excess * inertia[i * (i + 3) // 2]
         ctrl[i] = min(max(load, -s.torque_limit[i]), s.torque_limit[i])
-    drive_hand(settings, command, memory, qpos, hand_joints, ctrl)
+
+
+@njit(cache=True)
+def _length(x: Array) -> float:
+    return math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
 
 
 @njit(cache=True)
