@@ -274,8 +274,8 @@ def render(
     noise: TeachersNoiseOption = None,
     mode: TeachersModeOption = None,
     at: Annotated[
-        float, typer.Option(min=0.0, help="Time of the picture, in seconds, or the end of the episode.")
-    ] = 8.0,
+        float | None, typer.Option(min=0.0, help="Time of the picture, in seconds; 8 if left out. At most the end.")
+    ] = None,
     settings: SetOption = None,
 ) -> None:
     """Film one episode, or take a picture in it."""
@@ -287,13 +287,15 @@ def render(
     check_writable(path, skill)
     if "render_mode" in chosen:
         raise InvalidArgumentError("'render' decides the render_mode itself; leave it out")
+    if at is not None and path.suffix != ".png":
+        raise InvalidArgumentError("--at is the time of a picture; 'render' makes one where --out ends in .png")
     policy = cli_names.policy(skill, env_id, noise, mode, chosen)
     rendering.prepare()
     size = {"width": 960, "height": 720} if path.suffix == ".png" else {}
     world = make(env_id, render_mode="rgb_array", **(size | chosen))
     check_fits(policy, world)
     if path.suffix == ".png":
-        rendering.write_picture(path, world, policy, seed, at)
+        rendering.write_picture(path, world, policy, seed, 8.0 if at is None else at)
         print(f"written to {path}")
     else:
         count = rendering.write_video(path, rendering.frames(world, policy, seed))

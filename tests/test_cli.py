@@ -90,6 +90,7 @@ def refuse(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Pat
         (["render", "random", "light-bulb", "--out", "OUT.png", "--seed", "-1"], "greater than or equal to 0"),
         (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "render_mode=human"], "render_mode"),
         (["render", "random", "light-bulb", "--out", "OUT.png", "--set", "width=0"], "width"),
+        (["render", "random", "light-bulb", "--out", "OUT.mp4", "--at", "3"], "the time of a picture"),
         (["render", "random", "nowhere", "--out", "OUT"], "light-bulb"),
         (["bench", "nowhere"], "light-bulb"),
         (["experiment", "finetuning", "--out", "OUT", "--set", "setups=many"], "must be of type int"),
