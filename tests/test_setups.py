@@ -36,7 +36,10 @@ def test_a_reset_places_what_the_options_ask(env: Any) -> None:
 def test_a_frame_is_where_the_object_of_its_name_stands(env: Any) -> None:
     for seed in (21, 22):
         observation, _ = env.reset(seed=seed)
-        for name in set(env.frames) & set(env.setup()):
+        named = set(env.frames) & set(env.setup())
+        if not named:
+            pytest.skip("the frame is an edge of an object, see test_box_flipping")
+        for name in named:
             np.testing.assert_allclose(observation[f"frame_{name}"][:2], env.setup()[name]["position"], atol=1e-9)
 
 
