@@ -161,40 +161,20 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
     Raises InvalidArgumentError where the folder is of another training, or its last checkpoint is damaged.
     """
     settings = task.settings
-    job = {
-        **identity, "env_id": task.env_id, "env_kwargs": dict(task.env_kwargs), "seed": task.seed,
-        "settings": json.loads(json.dumps(asdict(settings))),
-    }  # fmt: skip
-    if settings.annealing:
-        job["decisions"] = schedule.decisions
-    kept = TrainingFolder(folder, job)
+    kept = TrainingFolder(folder, _job(task, schedule, identity))
     state = kept.state() or {
         "decisions": 0, "seconds": 0.0, "simulated_seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0,
     }  # fmt: skip
-    simulated = state["simulated_seconds"]
-    first = TRAINING_SEEDS + SEEDS_PER_TRAINING * task.seed
-    stride = SEEDS_PER_TRAINING // settings.n_envs
-    episodes = [SeededEpisodes(task.env(), first + i * stride + begun) for i, begun in enumerate(state["episodes"])]
-    envs = DummyVecEnv([partial(_monitored, env, settings.reward_scale) for env in episodes])
-    seed = (task.seed + state["decisions"]) % 2**32
-    set_random_seed(seed)
-    latest = kept.latest()
-    if latest is None:
-        agent = task.make(envs)
-    else:
-        with undamaged(latest):
-            agent = task.load(str(latest / "agent.zip"), envs)
-            if hasattr(agent, "load_replay_buffer"):
-                agent.load_replay_buffer(latest / "replay_buffer.pkl")
-                agent.replay_buffer.interrupt()
-    agent.action_space.seed(seed)
-    agent.set_logger(Logger(None, []))
-    task.prepare(agent)
     last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
     if state["decisions"] > last:
         raise InvalidArgumentError(
             f"'{folder}' has made {state['decisions']} decisions; ask for as many, or choose another --out"
         )
+    simulated, stride = state["simulated_seconds"], SEEDS_PER_TRAINING // settings.n_envs
+    first = [TRAINING_SEEDS + SEEDS_PER_TRAINING * task.seed + i * stride for i in range(settings.n_envs)]
+    episodes = [SeededEpisodes(task.env(), a + begun) for a, begun in zip(first, state["episodes"], strict=True)]
+    envs = DummyVecEnv([partial(_monitored, env, settings.reward_scale) for env in episodes])
+    agent = _agent(task, kept.latest(), envs, (task.seed + state["decisions"]) % 2**32)
     ended = 0 < schedule.episodes <= sum(state["episodes"])
     marks = [] if ended else _marks(state["decisions"], last, settings.rollout, schedule)
     for n in track(marks, len(marks), "training", schedule.progress):
@@ -204,7 +184,7 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         state = {
             "decisions": int(agent.num_timesteps),
             "seconds": state["seconds"] + time.monotonic() - since,
-            "episodes": [env.next_seed - first - i * stride for i, env in enumerate(episodes)],
+            "episodes": [env.next_seed - a for a, env in zip(first, episodes, strict=True)],
             "updates": int(agent._n_updates) * settings.counted_updates,
             "simulated_seconds": simulated + sum(env.get_wrapper_attr("simulated_seconds") for env in episodes),
         }
@@ -228,6 +208,36 @@ def facts(state: Mapping[str, Any]) -> dict[str, Any]:
         "seconds": round(state["seconds"], 1),
         "training_episodes": sum(state["episodes"]),
     }
+
+
+def _job(task: Task, schedule: Schedule, identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Whose folder it is: what may not differ where a training goes on."""
+    settings = json.loads(json.dumps(asdict(task.settings)))
+    job = {
+        **identity,
+        "env_id": task.env_id,
+        "env_kwargs": dict(task.env_kwargs),
+        "seed": task.seed,
+        "settings": settings,
+    }
+    return job | ({"decisions": schedule.decisions} if task.settings.annealing else {})
+
+
+def _agent(task: Task, checkpoint: Path | None, envs: VecEnv, seed: int) -> Any:
+    """A new agent, or that of a checkpoint, whose random numbers come from this seed."""
+    set_random_seed(seed)
+    if checkpoint is None:
+        agent = task.make(envs)
+    else:
+        with undamaged(checkpoint):
+            agent = task.load(str(checkpoint / "agent.zip"), envs)
+            if hasattr(agent, "load_replay_buffer"):
+                agent.load_replay_buffer(checkpoint / "replay_buffer.pkl")
+                agent.replay_buffer.interrupt()
+    agent.action_space.seed(seed)
+    agent.set_logger(Logger(None, []))
+    task.prepare(agent)
+    return agent
 
 
 def _marks(done: int, last: int, rollout: int, schedule: Schedule) -> list[int]:
