@@ -51,7 +51,8 @@ class CylinderGraspEnv(ManipulationEnv):
     | time limit     | 60 s                                                                                               |
 
     The inclination is the angle between the upward vertical and the cylinder's axis, which points from bottom to top: 0
-    standing, pi upside down. The rotation is the angle about the vertical from the hand's y axis to the cylinder's axis.
+    standing, pi upside down. The rotation is the angle about the vertical from the hand's y axis to the cylinder's axis; where
+    that is vertical the rotation is nothing but noise, in every direction.
 
     A cylinder looks the same all around, so a tracker measures its axis alone. The frames' z axis is the cylinder's axis;
     their x axis points upwards where it lies, and along the world's x axis where it stands. A power grasp closes three
