@@ -11,6 +11,7 @@ an attractor, so g is the action. All parts are scaled to [-1, 1]:
 | hand | 4 | goal joint angles of spread and three fingers [rad]; absent where a pen is mounted |
 
 The dead zone is subtracted and what remains is stretched, so that force 1 is the force limit and the force starts from zero.
+Not every pose in the workspace box is within the arm's reach: a goal beyond is followed as far as the arm can.
 """
 
 import json

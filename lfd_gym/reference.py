@@ -97,6 +97,7 @@ def _limit_reach(
     The elbow w - b f is within the upper arm's length of the shoulder, with the wrist w and the forearm's length b. The
     forearm's direction f is best that of a straight arm; where the wrist would have to bend farther than it can, that at the
     wrist's limit which is next to it: cos(limit) t + sin(limit) u, with t where the hand is pointing and u at a right angle.
+    Points are in the world frame [m]; `bend` is cos(limit).
     """
     x, y, z = wrist[0] + error[0] - shoulder[0], wrist[1] + error[1] - shoulder[1], wrist[2] + error[2] - shoulder[2]
     ahead = x * pointing[0] + y * pointing[1] + z * pointing[2]
