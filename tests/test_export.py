@@ -66,7 +66,7 @@ def test_an_episode_that_success_did_not_end_is_truncated(tmp_path: Path, monkey
 
 
 def test_an_episode_whose_seed_is_not_known_has_none(shown, tmp_path: Path, monkeypatch) -> None:
-    to_minari([replace(shown[0], seed={}), shown[1]], tmp_path, ID)
+    to_minari([replace(shown[0], seed={}, teacher={}), shown[1]], tmp_path, ID)
     monkeypatch.setenv(ROOT, str(tmp_path))
     facts = list(minari.load_dataset(ID).storage.get_episode_metadata([0, 1]))
     assert [one.get("seed") for one in facts] == [None, shown[1].seed["reset"]]

@@ -312,6 +312,11 @@ def test_a_damaged_checkpoint_is_named(training: Any, tmp_path: Path) -> None:
     assert train().metadata == skill.metadata
     shutil.rmtree(checkpoint)
     assert train().metadata["decisions"] == 64
+    log = training.TrainingFolder(tmp_path / "log", {})
+    log.append({"decisions": 64})
+    log.log.write_text(log.log.read_text()[:-5])
+    with pytest.raises(InvalidArgumentError, match=f"'{log.log}' is damaged; remove it"):
+        log.append({"decisions": 128})
 
 
 def test_the_learning_rate_falls_at_the_end(training: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

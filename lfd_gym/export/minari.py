@@ -49,8 +49,8 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
             dataset_id,
             [_episode(minari, i, demonstration) for i, demonstration in enumerate(demonstrations)],
             env=env,
-            algorithm_name="{name}, noise {noise}, {mode}".format(**first.teacher),
-            description="Demonstrations of a scripted teacher of lfd_gym.",
+            algorithm_name=", ".join(f"{key} {value}" for key, value in first.teacher.items()) or "unknown",
+            description="Demonstrations in an environment of lfd_gym.",
             requirements=[f"{name}=={version}" for name, version in first.versions.items() if name != "python"],
         )
     return root / dataset_id

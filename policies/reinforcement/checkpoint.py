@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from lfd_gym.errors import InvalidArgumentError
-from lfd_gym.paths import written_whole
+from lfd_gym.paths import writing, written_whole
 
 SCHEMA = "lfd_gym.training-checkpoint/1 (holds pickles: load only your own)"
 PREFIX = "checkpoint-"
@@ -59,12 +59,13 @@ class TrainingFolder:
         if whole.exists():
             return
         shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir()
-        agent.save(partial / "agent.zip")
-        if hasattr(agent, "save_replay_buffer"):
-            agent.save_replay_buffer(partial / "replay_buffer.pkl")
-        (partial / "state.json").write_text(json.dumps(dict(state), indent=2))
-        os.replace(partial, whole)
+        with writing(whole):
+            partial.mkdir()
+            agent.save(partial / "agent.zip")
+            if hasattr(agent, "save_replay_buffer"):
+                agent.save_replay_buffer(partial / "replay_buffer.pkl")
+            (partial / "state.json").write_text(json.dumps(dict(state), indent=2))
+            os.replace(partial, whole)
         for other in self.path.glob(PREFIX + "*"):
             if other != whole:
                 shutil.rmtree(other)
@@ -92,6 +93,11 @@ def undamaged(checkpoint: Path) -> Iterator[None]:
 
 
 def read_log(folder: Path) -> list[dict[str, Any]]:
-    """The lines of a training's log; none if it has not been evaluated."""
+    """The lines of a training's log; none if it has not been evaluated. InvalidArgumentError if it is damaged."""
     log = folder / "log.jsonl"
-    return [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+    if not log.exists():
+        return []
+    try:
+        return [json.loads(line) for line in log.read_text().splitlines()]
+    except ValueError as error:
+        raise InvalidArgumentError(f"the log '{log}' is damaged; remove it to go on without its curve") from error
