@@ -29,10 +29,10 @@ class Perturbation:
     tracking_rotation: float = 0.0
     """Standard deviation of the error of every tracked orientation, one draw per episode [rad]."""
     wrench_noise: float = 0.0
-    """Standard deviation of the wrist sensor's force, white, each control step [N]; a tenth of it for the torque [N m]."""
+    """Standard deviation of the wrist sensor's force, white, each control step [N]; a tenth of it for the torque [N m]. The
+    controller regulates forces by this sensor, and errs with it."""
     wrench_bias: float = 0.0
-    """Standard deviation of a constant error of the wrist sensor's force [N]; a tenth of it for the torque [N m]. The
-    controller, which regulates forces by this sensor, errs by it as well."""
+    """Standard deviation of a constant error of the same [N]; a tenth of it for the torque [N m]."""
     variation: float = 1.0
     """Factor on the width of the ranges of mass and friction."""
     push_arm: float = 0.0

@@ -21,7 +21,7 @@ from lfd_gym.action import decode_array
 Array = NDArray[np.float64]
 
 BEYOND = 0.01
-"""How far out of the workspace a regulated force may take the tool [m]."""
+"""How far out of the workspace a force is regulated [m]; contact begins in half of it."""
 
 
 @njit(cache=True)
@@ -144,16 +144,19 @@ def feel(  # type: ignore[no-untyped-def]
 def touch(settings, command, memory, tool: Array, along: float, inertial: float) -> None:  # type: ignore[no-untyped-def]
     """Decides who owns the direction of a commanded force; what `feel` returned tells whether there is contact.
 
-    A tool that is pulled out of the workspace comes back to its border.
+    There is none for a tool that is faster along the force than the speed limit, or that has left the workspace along it.
     """
     s, c, m = settings[0], command[0], memory[0]
     before, d = int(m.mode), m.direction
     mode, timer = contact.advance(before, m.timer, d, c.force, along, inertial, s.dt)
-    if mode == contact.CONTACT:
+    if mode != contact.FREE:
+        fast = d[0] * m.tool_velocity[0] + d[1] * m.tool_velocity[1] + d[2] * m.tool_velocity[2] > s.speed_limit
+        margin, outside = BEYOND if before == contact.CONTACT else 0.5 * BEYOND, False
         for i in range(3):
             beyond = tool[i] - s.workspace_high[i] if d[i] > 0.0 else s.workspace_low[i] - tool[i]
-            if d[i] != 0.0 and beyond > BEYOND:
-                mode, timer = contact.APPROACH, 0.0
+            outside = outside or (d[i] != 0.0 and beyond > margin)
+        if fast or outside:
+            mode, timer = contact.APPROACH, 0.0
     m.mode, m.timer = mode, timer
     if mode != contact.CONTACT or before != contact.CONTACT:
         m.force_integral = 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lfd_gym import quaternion, wam
+from lfd_gym import contact, quaternion, wam
 from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.perturbation import EARLIEST, LATEST, PUSH_TIME, SLIPPERY, Perturbation, Schedule
 from lfd_gym.registry import make
@@ -131,6 +131,22 @@ def test_a_biased_sensor_misleads_the_controller_as_well() -> None:
     assert abs(bias) > 0.3
     assert said == pytest.approx(3.0, abs=0.2)
     assert true == pytest.approx(3.0 + bias, abs=0.2)
+
+
+def test_a_contact_that_a_biased_sensor_makes_up_takes_the_tool_nowhere_fast() -> None:
+    """In empty air, and not beyond the workspace."""
+    env = make("whiteboard", perturbation={"wrench_bias": 1.0}).unwrapped
+    observation, _ = env.reset(seed=6)
+    layout, modes, speeds = env.action_layout, set(), []
+    action = layout.encode(observation["tool_position"], layout.reference_quaternion, [0.0, 3.0, 0.0])
+    for _ in range(300):
+        observation, *_ = env.step(action)
+        modes.add(int(env.robot._memory["mode"][0]))
+        speeds.append(np.linalg.norm(observation["tool_velocity"][:3]))
+        assert observation["tool_position"][1] < layout.workspace_high[1] + 0.02
+    assert -env._schedule.misreading(env.np_random)[1] > 0.8
+    assert contact.CONTACT in modes
+    assert max(speeds) < 1.2 * layout.speed_limit
 
 
 def test_pushes_need_five_decisions_per_second() -> None:

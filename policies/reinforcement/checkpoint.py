@@ -86,9 +86,12 @@ def undamaged(checkpoint: Path) -> Iterator[None]:
     """Raise InvalidArgumentError for a checkpoint that the block cannot read."""
     try:
         yield
+    except MemoryError:
+        raise
     except Exception as error:  # a damaged pickle raises whatever it comes upon
         raise InvalidArgumentError(
-            f"the checkpoint '{checkpoint}' is damaged; remove it to go on from the one before, or else to train anew"
+            f"the checkpoint '{checkpoint}' cannot be read; if it is damaged, remove it to train anew "
+            f"({type(error).__name__}: {error})"
         ) from error
 
 

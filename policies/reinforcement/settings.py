@@ -50,7 +50,8 @@ class TrainingSettings:
 
     @property
     def counted_updates(self) -> int:
-        """Steps of the optimiser in what Stable-Baselines3 counts as one update: an epoch on policy, one step off policy."""
+        """Steps of the optimiser in what Stable-Baselines3 counts as one update: one off policy, on policy those of a whole
+        epoch, which `target_kl` may cut short."""
         return 1 if self.algorithm == "sac" else math.ceil(self.rollout / int(self.hyperparameters["batch_size"]))
 
     def learning_rate(self, done: float) -> float:
@@ -90,7 +91,7 @@ GRAPH_PPO = TrainingSettings(
     "maskable-ppo", discount=0.998, n_envs=4, rollout=1024,
     hyperparameters={"learning_rate": 1e-3, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.01},
 )  # fmt: skip
-"""Of a sequence graph's decisions, one per 0.2 s; not a method of its own, see `policies.reinforcement.finetuning`."""
+"""Of a sequence graph's decisions, at least 0.2 s each; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
     "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
     hyperparameters={**SAC, "learning_starts": 100, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
