@@ -106,7 +106,10 @@ class TransitionData:
         return [*self.library[own], *self.observed, *(f for k in others for f in self.whole_way[k])]
 
     def _passages(self, node: int, exits: tuple[int, ...], features: list[Feature]) -> list[Seen]:
-        """Passages through a node. Those not stopped early show their exit; from anywhere if none was observed here."""
+        """Passages through a node. Those not stopped early show their exit; from anywhere if none was observed here.
+
+        One that broke off shows no exit, but how to stay.
+        """
         result = []
         for e in exits:
             to = [p for p in self.data.passages if p.exit == e]
@@ -116,6 +119,10 @@ class TransitionData:
                 rows, arrival = self._features(p, features), self.data.arrival(p)
                 way = rows[:arrival] if p in own and node != 0 else rows[:0]
                 result.append(Seen(e, p.demonstration, way, rows[arrival:] if p in leaving else rows[:0]))
+        for p in self.data.passages:
+            if p.node == node and p.exit == BROKEN_OFF:
+                rows, arrival = self._features(p, features), self.data.arrival(p)
+                result.append(Seen(BROKEN_OFF, p.demonstration, rows[:arrival], rows[:0]))
         return result
 
     def _features(self, p: Passage, features: list[Feature]) -> Array:

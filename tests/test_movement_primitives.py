@@ -97,6 +97,19 @@ def test_where_failed_recordings_break_off_is_no_end(shown) -> None:
     assert evaluate("move-object", skill, episodes=1, seed=100000).success_rate == 1.0
 
 
+def test_a_primitive_that_only_a_failed_recording_shows_can_be_stayed_in(shown) -> None:
+    """In a fully connected graph, where it is left for all others."""
+    names = [primitive.name for primitive in shown[0].primitives]
+    k, other = names.index("withdraw"), names.index("release")
+    whole = [dataclasses.replace(d, labels=np.where(d.labels == k, other, d.labels)) for d in shown[:2]]
+    last = part(shown[2], "withdraw")
+    broken = cut(shown[2], (last.start + last.stop) // 2, success=False)
+    with pytest.warns(UserWarning, match="not solved in demonstration 2"):
+        skill = SequenceGraphLearner(graph="fully-connected").fit([*whole, broken]).skill_
+    assert k in skill.graph.labels
+    assert all(node.targets[0] == i for i, node in enumerate(skill.nodes) if i > 0)
+
+
 def test_a_movement_that_ends_a_recording_counts_where_it_did_not_need_to_move(shown) -> None:
     """The tool stays upright while it withdraws: the tilt at the end is as good a goal as any."""
     k = row(learn(shown), "withdraw")
