@@ -296,7 +296,7 @@ Run = Callable[[Path, bool, int], str]
             ["| global | 3 | 1 |"],
         ),
         (writing.run, [], ["| teacher |", "| moa | 6 |", "| gmr | 6 |", "| moa, one demonstration | 1 |"]),
-        (omniglot.run, [(omniglot, "QUICK_LETTERS", 1)], ["| MoA |", "| least |", "Our own alphabet"]),
+        (omniglot.run, [(omniglot, "QUICK_LETTERS", 1)], ["| MoA |", "| least |", "our own alphabet"]),
         (start_equals_end.run, [], ["| MoA |", "| DMP | 0.000 |"]),
         (subsets.run, [], ["| second-stage | 6 | 1 |", "| first-stage | 1 | 2 |"]),
         (toy_experiment.run, [], ["| at the first target | 1.00 | 0.00 |", "| at the second target | 0.00 | 1.00 |"]),
