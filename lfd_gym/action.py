@@ -142,6 +142,16 @@ class ActionLayout:
             self.reference_quaternion,
         )
 
+    def force_scale(self, action: ArrayLike, factor: float) -> float:
+        """What multiplies the force components of an action so that it commands `factor` times its force [N].
+
+        As far as the limit allows; 1 where no force is commanded, or the factor is 1.
+        """
+        size = float(np.linalg.norm(np.asarray(action, dtype=np.float64)[self.force]))
+        if factor == 1.0 or size <= DEAD_ZONE:
+            return 1.0
+        return (DEAD_ZONE + min(factor * (size - DEAD_ZONE), 1.0 - DEAD_ZONE)) / size
+
     def to_dict(self) -> dict[str, Any]:
         """JSON-able fields; `from_dict` is the inverse."""
         return {

@@ -23,6 +23,8 @@ from policies.reinforcement.settings import METHODS
 
 EPISODES, QUICK_EPISODES, FIRST_SEED = 24, 5, 2000
 """Unseen setups of the demo, and the seed of the first one."""
+PICTURE_TIME = 8.0
+"""When `render` takes a picture, if nothing is said [s]."""
 INTERRUPTED = 130
 """Exit code of a command that was interrupted from the keyboard."""
 
@@ -274,7 +276,8 @@ def render(
     noise: TeachersNoiseOption = None,
     mode: TeachersModeOption = None,
     at: Annotated[
-        float | None, typer.Option(min=0.0, help="Time of the picture, in seconds; 8 if left out. At most the end.")
+        float | None,
+        typer.Option(min=0.0, help=f"Time of the picture, in seconds; {PICTURE_TIME:g} if left out. At most the end."),
     ] = None,
     settings: SetOption = None,
 ) -> None:
@@ -295,7 +298,7 @@ def render(
     world = make(env_id, render_mode="rgb_array", **(size | chosen))
     check_fits(policy, world)
     if path.suffix == ".png":
-        rendering.write_picture(path, world, policy, seed, 8.0 if at is None else at)
+        rendering.write_picture(path, world, policy, seed, PICTURE_TIME if at is None else at)
         print(f"written to {path}")
     else:
         count = rendering.write_video(path, rendering.frames(world, policy, seed))

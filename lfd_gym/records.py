@@ -13,7 +13,7 @@ SETTINGS = np.dtype(
         ("workspace_high", "f8", 3),
         ("upper_arm", "f8"),
         ("forearm", "f8"),
-        ("bend", "f8"),
+        ("bend", "f8", 2),
         ("stiffness", "f8"),
         ("damping", "f8"),
         ("integral", "f8"),

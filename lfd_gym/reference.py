@@ -16,12 +16,21 @@ SHOULDER, WRIST, POINTING = 1, 5, 6
 
 @njit(cache=True)
 def move_reference(  # type: ignore[no-untyped-def]
-    settings, command, memory, tool: Array, tool_quaternion, anchor: Array, axis: Array, error: Array, feed: Array
+    settings,
+    command,
+    memory,
+    tool: Array,
+    tool_quaternion,
+    qpos: Array,
+    anchor: Array,
+    axis: Array,
+    error: Array,
+    feed: Array,
 ) -> None:
     """Advances the reference by one tick; writes its error (6,) to the tool and its acceleration (6,).
 
     Heun's rule: the reference follows the closed form of (2.1) to second order. It stays within the arm's reach, of which
-    the joints' anchors and axes (world frame, as in `servo.tick`) tell.
+    the joints' angles, anchors and axes (as in `servo.tick`) tell.
     """
     s, c, m = settings[0], command[0], memory[0]
     d, velocity = m.direction, m.velocity
@@ -71,7 +80,8 @@ def move_reference(  # type: ignore[no-untyped-def]
     error[3], error[4], error[5] = quaternion.difference_(q, tool_quaternion)
     for i in range(3):
         error[i] = m.position[i] - tool[i]
-    _limit_reach(error, velocity, anchor[SHOULDER], anchor[WRIST], axis[POINTING], s.upper_arm, s.forearm, s.bend)
+    bend = s.bend[0] if qpos[WRIST] >= 0.0 else s.bend[1]
+    _limit_reach(error, velocity, anchor[SHOULDER], anchor[WRIST], axis[POINTING], s.upper_arm, s.forearm, bend)
     for part in range(2):
         _limit_lead(error, velocity, m.tool_velocity, 3 * part, s.lead_limit[part])
     for i in range(3):

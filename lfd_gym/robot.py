@@ -58,7 +58,7 @@ class Robot:
         n, s, model = wam.N_JOINTS, self._settings[0], self.model
         for name in ("alpha", "beta", "speed_limit", "turn_limit", "workspace_low", "workspace_high"):
             s[name] = getattr(self.layout, name)
-        s["dt"], (s["upper_arm"], s["forearm"], s["bend"]) = model.opt.timestep, wam.REACH
+        s["dt"], (s["upper_arm"], s["forearm"]), s["bend"] = model.opt.timestep, wam.REACH, wam.BEND
         s["stiffness"], s["damping"], s["integral"] = stiffness, 2.0 * np.sqrt(stiffness), 4.0 * stiffness
         s["integral_limit"], s["lead_limit"] = (4.0, 40.0), (0.03, 0.3)
         s["force_integral"], s["force_damping"], s["filter"] = 20.0, 20.0, 2.0 * np.pi * 20.0

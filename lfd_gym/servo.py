@@ -75,7 +75,7 @@ def tick(  # type: ignore[no-untyped-def]
     sensing.external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, wrench)
     along, inertial = feel(settings, command, memory, jacobian, qvel, tool, tool_com, wrench, change)
     touch(settings, command, memory, tool, along, inertial)
-    reference.move_reference(settings, command, memory, tool, turned, anchor, axis, error, feed)
+    reference.move_reference(settings, command, memory, tool, turned, qpos, anchor, axis, error, feed)
     regulate(settings, command, memory, along, error, feed, selection, e_d, e_f)
     if m.guided:
         guidance.outside_hand(memory, impedance, tool, tool_rotation, guided_link, guided_wrench)
@@ -131,10 +131,10 @@ def feel(  # type: ignore[no-untyped-def]
     along = inertial = 0.0
     magnitude = _length(c.force)
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        swung = change[3 + j] * (tool_com[k] - tool[k]) - change[3 + k] * (tool_com[j] - tool[j])
         m.pressed[i] += blend * (-wrench[i] - m.pressed[i])
         if magnitude > 0.0:
+            j, k = (i + 1) % 3, (i + 2) % 3
+            swung = change[3 + j] * (tool_com[k] - tool[k]) - change[3 + k] * (tool_com[j] - tool[j])
             along += m.pressed[i] * c.force[i] / magnitude
             inertial += s.tool_mass / s.dt * (change[i] + swung) * c.force[i] / magnitude
     return along, inertial

@@ -24,9 +24,11 @@ TOOL_DOWN = np.array([0.0, 0.0, 1.0, 0.0])
 """Quaternion of diag(-1, 1, -1): the tool points down, the hand's y axis along the world's y axis."""
 HOME = np.array([0.0, 0.58, 0.0, 1.67, 0.0, math.pi - 2.25, 0.0])
 """Working posture [rad] with the tool pointing down over the middle of the table."""
-REACH = (0.545, 0.30, -0.08)
-"""Lengths of upper arm and forearm [m], less 1 cm in all, so that the elbow is never straight, and the cosine of the largest
-angle between forearm and hand, less 3 degrees."""
+REACH = (0.545, 0.30)
+"""Lengths of upper arm and forearm [m], less 1 cm in all, so that the elbow is never straight."""
+BEND = (math.cos(1.65), math.cos(1.35))
+"""Cosines of the largest angles between the line from elbow to wrist and the hand, the wrist bent forwards and backwards: its
+joint limits, 1.6 rad, and 0.15 rad that this line lies off the forearm's axis; less 0.1 rad."""
 JOINT_SPEED = 2.0 * math.pi
 """Joint speed [rad/s] beyond which the controller brakes: near a singularity of the wrist it would ask for any."""
 

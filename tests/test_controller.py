@@ -341,4 +341,4 @@ def test_random_actions_break_no_limit(env_id: str, episodes: int) -> None:
             assert np.isfinite(reward)
             assert all(np.isfinite(value).all() for value in observation.values())
     assert worst_torque <= 1.0
-    assert worst_joint < np.radians(3.0)
+    assert worst_joint < np.radians(2.0)

@@ -15,7 +15,7 @@ from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import arguments, measured, setups
 from lfd_gym.envs.arguments import PHYSICS_HZ
-from lfd_gym.errors import InvalidArgumentError, UnknownNameError
+from lfd_gym.errors import InvalidArgumentError, InvalidSetupError, UnknownNameError
 from lfd_gym.perturbation import PUSH_TIME, SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
@@ -218,7 +218,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         wanted, rng = (options or {}).get("setup"), self.np_random
         try:
             self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
-        except Exception:
+        except InvalidSetupError:
             self._np_random, self._np_random_seed = before
             raise
         mujoco.mj_resetData(self.model, self.data)

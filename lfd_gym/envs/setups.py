@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import quaternion
-from lfd_gym.errors import InvalidSetupError
+from lfd_gym.errors import InvalidSetupError, is_number
 
 ATTEMPTS = 1000
 """How often the objects that are not named are drawn anew around those that are."""
@@ -39,8 +39,10 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
         if unknown:
             raise InvalidSetupError(f"'{min(map(str, unknown))}' of '{name}'; possible: {', '.join(fresh[name])}")
         for key, value in pose.items():
-            if isinstance(fresh[name][key], float) and not _is_finite(value):
+            if isinstance(fresh[name][key], float) and not (is_number(value) and np.isfinite(value)):
                 raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a finite number")
+            if isinstance(fresh[name][key], str) and not isinstance(value, str):
+                raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a text such as '{fresh[name][key]}'")
     wanted = {name: {key: _plain(value) for key, value in pose.items()} for name, pose in wanted.items()}
     nothing_to_draw = all(set(wanted.get(name, ())) == set(pose) for name, pose in fresh.items())
     faults: Counter[str] = Counter()
@@ -103,12 +105,8 @@ def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> N
 
 def in_range(what: str, value: Any, low: float, high: float) -> None:
     """Raise InvalidSetupError where a number lies outside its range."""
-    if not isinstance(value, int | float | np.number) or not low - 1e-9 <= value <= high + 1e-9:
+    if not is_number(value) or not low - 1e-9 <= value <= high + 1e-9:
         raise InvalidSetupError(f"{what} is {value!r}; possible: {low:.4g} to {high:.4g}")
-
-
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))
 
 
 def _plain(value: Any) -> Any:

@@ -154,9 +154,10 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
     def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Follow a class for a while; where no decision is left, to the end of the episode, which nothing comes after."""
         self.skill.chosen, node = int(action), self._node
-        ends, hold = self.skill.nodes[node].decision is None, self._steps(node, int(action))
+        ends = self.skill.nodes[node].decision is None
+        hold = math.inf if ends else self._steps(node, int(action))
         steps, ended = 0, False
-        while not ended and (ends or (steps < hold and self._node == node)):
+        while not ended and steps < hold and (ends or self._node == node):
             native, self._state = self.skill.decide(self._seen, self._state)
             self._seen, reward, terminated, truncated, info = self.env.step(native)
             steps, ended = steps + 1, terminated or truncated

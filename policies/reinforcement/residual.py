@@ -1,6 +1,5 @@
 """A bounded residual around a frozen skill: as a skill, and as the environment in which it is learned."""
 
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
@@ -10,7 +9,7 @@ from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
-from lfd_gym.action import DEAD_ZONE, ActionLayout
+from lfd_gym.action import ActionLayout
 from lfd_gym.registry import load
 from lfd_gym.view import BOUND, View
 from policies import SKILLS
@@ -32,19 +31,11 @@ def adjusted(view: View, action: NDArray[np.float32], residual: ArrayLike) -> ND
     shift = SHIFT * np.array([value.get(axis, 0.0) for axis in "xyz"])
     result[ActionLayout.position] += 2.0 * shift / (layout.workspace_high - layout.workspace_low)
     result[ActionLayout.rotation.stop - 1] += TURN * value.get("yaw", 0.0) / layout.rotation_limit[2]
-    result[ActionLayout.force] *= _pressed(result[ActionLayout.force], 1.0 + PRESS * value.get("press", 0.0))
+    result[ActionLayout.force] *= layout.force_scale(action, 1.0 + PRESS * value.get("press", 0.0))
     if "grip" in value:
         way = np.array(view.hand_closed) - np.array(view.hand_open)
         result[ActionLayout.hand] += 2.0 * GRIP * value["grip"] * way / (layout.hand_high - layout.hand_low)
     return np.clip(result, -1.0, 1.0).astype(np.float32)
-
-
-def _pressed(force: NDArray[np.float64], factor: float) -> float:
-    """What components (3,) of an action are multiplied with so that the force [N] they command is."""
-    size = math.sqrt(force @ force)
-    if factor == 1.0 or size <= DEAD_ZONE:
-        return 1.0
-    return (DEAD_ZONE + min(factor * (size - DEAD_ZONE), 1.0 - DEAD_ZONE)) / size
 
 
 def inputs(view: View, observation: Observation, action: NDArray[np.float32]) -> NDArray[np.float32]:
