@@ -12,6 +12,7 @@ import numpy as np
 
 from lfd_gym.registry import make
 from lfd_gym.rollout import Policy, rollout
+from lfd_gym.seeds import DEVELOPMENT_SEED
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
@@ -54,7 +55,9 @@ class Benchmark(NamedTuple):
         return self._asdict() | derived
 
 
-def benchmark(env_id: str, policy: Policy, seed: int = 100000, repeats: int = 5, max_steps: int = 1000) -> Benchmark:
+def benchmark(
+    env_id: str, policy: Policy, seed: int = DEVELOPMENT_SEED, repeats: int = 5, max_steps: int = 1000
+) -> Benchmark:
     """Measure one environment while `policy` works in it.
 
     One episode's actions are recorded and then replayed `repeats` times. After every `env.step` the bare `mj_step`s

@@ -17,6 +17,7 @@ from lfd_gym.errors import InvalidArgumentError, LfdGymError, UnknownNameError
 from lfd_gym.experiments import EXPERIMENTS
 from lfd_gym.export import FORMATS
 from lfd_gym.paths import check_writable
+from lfd_gym.seeds import DEVELOPMENT_SEED
 from policies import LEARNERS
 from policies.reinforcement import FINETUNERS
 from policies.reinforcement.settings import METHODS
@@ -186,7 +187,7 @@ def train(
 ) -> None:
     """Train a reinforcement learning agent; the same command again goes on from the last checkpoint.
 
-    Checkpoints beside it are pickles, which can run code: go on only with your own.
+    The checkpoints beside --out are pickles, which can run code: go on only with your own.
     """
     from lfd_gym.demonstration import load_demonstrations
     from lfd_gym.registry import environment_id, load
@@ -219,7 +220,7 @@ def finetune(
 
     The same command again goes on where it stopped.
 
-    Checkpoints beside it are pickles, which can run code: go on only with your own.
+    The checkpoints beside --out are pickles, which can run code: go on only with your own.
     """
     from lfd_gym.registry import load
     from policies import load_skill
@@ -242,7 +243,7 @@ def evaluate(
     skill: SkillArgument,
     env: EnvArgument,
     n: Annotated[int, typer.Option("-n", help="Number of episodes.")] = 20,
-    seed: SeedOption = 100000,
+    seed: SeedOption = DEVELOPMENT_SEED,
     noise: TeachersNoiseOption = None,
     mode: TeachersModeOption = None,
     jobs: JobsOption = 1,
@@ -272,7 +273,7 @@ def render(
     skill: SkillArgument,
     env: EnvArgument,
     out: Annotated[Path, typer.Option(help="Video (.mp4) or picture (.png) to write.")],
-    seed: SeedOption = 100000,
+    seed: SeedOption = DEVELOPMENT_SEED,
     noise: TeachersNoiseOption = None,
     mode: TeachersModeOption = None,
     at: Annotated[

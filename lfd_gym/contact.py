@@ -17,8 +17,10 @@ FREE, APPROACH, CONTACT = 0, 1, 2
 GUARDED_SPEED = 0.03
 """Speed of the approach [m/s]: a contact at this speed stays below the sensor's range."""
 CONTACT_FRACTION = 0.25
+"""Share of the commanded force that must be felt."""
 CONTACT_TIME = 0.02
-INERTIA = 0.5
+"""How long it must be felt [s]."""
+INERTIAL_SHARE = 0.5
 """Share of what is felt that the tool's own acceleration may explain, if it is to be a contact."""
 TURN_LIMIT = math.radians(30.0)
 _COS_TURN_LIMIT = math.cos(TURN_LIMIT)
@@ -57,6 +59,6 @@ def advance(
         return APPROACH, 0.0
     if mode == CONTACT:
         return CONTACT, timer
-    felt = pressed > CONTACT_FRACTION * magnitude and inertial <= INERTIA * pressed
+    felt = pressed > CONTACT_FRACTION * magnitude and inertial <= INERTIAL_SHARE * pressed
     timer = timer + dt if felt else 0.0
     return (CONTACT if timer >= CONTACT_TIME - 1e-9 else APPROACH), timer

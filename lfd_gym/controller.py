@@ -179,6 +179,8 @@ def hybrid_torque(
 class HybridController:
     """Equation (2.2) for any selection matrix, as a function of the current dynamics.
 
+    For use on its own; the environments call the kernels above from `lfd_gym.servo.tick`.
+
     Args:
         rest: posture that the null space prefers, shape (7,) [rad].
         low, high: joint limits, shape (7,) [rad].

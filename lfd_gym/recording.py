@@ -15,10 +15,9 @@ from lfd_gym.json_values import json_values
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
 from lfd_gym.rollout import Step, TeacherPolicy, as_policy, rollout
+from lfd_gym.seeds import TEACHING_SEED
 from lfd_gym.versions import versions
 
-TEACHING_SEEDS = 2**32
-"""Reset seeds of demonstrations start here, so that they never meet an evaluation seed below."""
 ATTEMPTS = 10
 """Attempts per wanted demonstration before a teacher counts as unable."""
 
@@ -93,7 +92,7 @@ class StateRecorder(gymnasium.Wrapper):
 def reset_seed(seed: int, index: int) -> int:
     """The seed that demonstration `index` is reset with, from SeedSequence(seed, spawn_key=(1, index))."""
     sequence = np.random.SeedSequence(seed, spawn_key=(1, index))
-    return TEACHING_SEEDS + int(sequence.generate_state(1)[0])
+    return TEACHING_SEED + int(sequence.generate_state(1)[0])
 
 
 def _successes(

@@ -1,7 +1,7 @@
 """What there is: one visible row per environment, imported only when it is made.
 
-The registries of the other packages (`policies.LEARNERS`, `scripted_teachers.TEACHERS`) have the same form,
-`{"name": "package.module:Class"}`, and are read with the same `load`.
+The registries of the other packages (`policies.LEARNERS`, `scripted_teachers.TEACHERS`) are `{"name":
+"package.module:Class"}`, without a time limit, and are read with the same `load`.
 """
 
 import importlib
@@ -30,8 +30,6 @@ class EnvironmentEntry(NamedTuple):
     """Where the class is: "package.module:Class"."""
     seconds: float
     """Time limit of an episode [s]."""
-    kwargs: Mapping[str, Any] = {}
-    """Arguments of the constructor that differ from its defaults."""
 
 
 ENVIRONMENTS: dict[str, EnvironmentEntry] = {
@@ -51,9 +49,8 @@ def register() -> None:
     """
     for env_id, entry in ENVIRONMENTS.items():
         if env_id not in gymnasium.registry:
-            dense = {**entry.kwargs, "reward_type": "dense"}
-            gymnasium.register(id=env_id, entry_point=entry.entry_point, kwargs=dict(entry.kwargs))
-            gymnasium.register(id=dense_id(env_id), entry_point=entry.entry_point, kwargs=dense)
+            gymnasium.register(id=env_id, entry_point=entry.entry_point)
+            gymnasium.register(id=dense_id(env_id), entry_point=entry.entry_point, kwargs={"reward_type": "dense"})
 
 
 def dense_id(env_id: str) -> str:

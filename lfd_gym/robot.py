@@ -15,8 +15,22 @@ from lfd_gym.guidance import Impedance
 Array = NDArray[np.float64]
 
 
+RESET_RATE = 4.0
+"""Gain of the PID's integral over its stiffness [1/s]: a constant disturbance is forgotten in a quarter of a second."""
+INTEGRAL_LIMIT = (4.0, 40.0)
+"""Most that the integral adds, linear [m/s^2] and angular [rad/s^2]; it bounds what is stored while the tool is blocked."""
+LEAD_LIMIT = (0.03, 0.3)
+"""How far the reference may run ahead of a blocked tool, linear [m] and angular [rad]."""
+FORCE_INTEGRAL, FORCE_DAMPING = 20.0, 20.0
+"""Along a regulated force [1/s]: gain of its integral, and damping of the motion, so that what comes loose moves slowly."""
+FORCE_CUTOFF = 20.0
+"""Low pass of the measured force [Hz]; what slides sticks and slips, and is felt in every tick."""
+JOINT_BRAKE = 20.0
+"""A joint may be as fast as this times its way to the limit [1/s]."""
 FRICTION_COMPENSATION = 0.7
 """Fraction of the joints' Coulomb friction that the controller feeds forward; all of it would make limit cycles."""
+FRICTION_SPEED = 0.05
+"""Joint speed over which the compensated friction changes its sign [rad/s]; at once it would chatter."""
 
 
 class Robot:
@@ -59,18 +73,18 @@ class Robot:
         for name in ("alpha", "beta", "speed_limit", "turn_limit", "workspace_low", "workspace_high"):
             s[name] = getattr(self.layout, name)
         s["dt"], (s["upper_arm"], s["forearm"]), s["bend"] = model.opt.timestep, wam.REACH, wam.BEND
-        s["stiffness"], s["damping"], s["integral"] = stiffness, 2.0 * np.sqrt(stiffness), 4.0 * stiffness
-        s["integral_limit"], s["lead_limit"] = (4.0, 40.0), (0.03, 0.3)
-        s["force_integral"], s["force_damping"], s["filter"] = 20.0, 20.0, 2.0 * np.pi * 20.0
+        s["stiffness"], s["damping"], s["integral"] = stiffness, 2.0 * np.sqrt(stiffness), RESET_RATE * stiffness
+        s["integral_limit"], s["lead_limit"] = INTEGRAL_LIMIT, LEAD_LIMIT
+        s["force_integral"], s["force_damping"], s["filter"] = FORCE_INTEGRAL, FORCE_DAMPING, 2.0 * np.pi * FORCE_CUTOFF
         s["rest"] = wam.HOME
         s["joint_low"], s["joint_high"] = model.jnt_range[:n].T
-        s["joint_speed"], s["joint_brake"] = wam.JOINT_SPEED, 20.0
+        s["joint_speed"], s["joint_brake"] = wam.JOINT_SPEED, JOINT_BRAKE
         s["torque_limit"] = model.actuator_ctrlrange[:n, 1]
         s["joint_damping"] = model.dof_damping[:n]
         s["joint_friction"] = FRICTION_COMPENSATION * model.dof_frictionloss[:n]
-        s["friction_speed"] = 0.05
+        s["friction_speed"] = FRICTION_SPEED
         s["tool_mass"], s["gravity"] = model.body(f"{tool}/{tool}").subtreemass[0], model.opt.gravity
-        s["n_hand"] = self._handles.hand_addresses.size
+        s["n_hand"] = self._handles.hand.size
         s["hand_speed"], s["hand_stall"] = wam.HAND_SPEED, wam.HAND_STALL
         if s["n_hand"]:
             s["hand_stiffness"] = model.actuator_gainprm[n : n + 4, 0]
@@ -78,21 +92,22 @@ class Robot:
     def _bind(self) -> None:
         """Bind the compiled functions to this simulation's arrays, past Numba's type dispatch, which costs as much again."""
         mujoco.mj_forward(self.model, self.data)
-        state, arrays, layout = (self._settings, self._command, self._memory), self._handles.arguments, self.layout
-        data = self.data
+        state, layout = (self._settings, self._command, self._memory), self.layout
+        data, found = self.data, self._handles
         hand_on_tool = Impedance().holding(self._mobility(), self.model.opt.timestep)
         guided = data.xipos[self._guided_link], data.xfrc_applied[self._guided_link], hand_on_tool
+        arrays = (*found.joints, *found.dynamics, *found.tool, found.hand, found.ctrl)
         self.tick = bound(servo.tick, *state, *arrays, *guided, np.zeros((27, 14)), controller.NullSpace())
         """One step of the controller."""
         scales = (layout.workspace_low, layout.workspace_high, layout.rotation_limit, layout.force_limit)
         hand = (layout.hand_low, layout.hand_high)
         self._set_goal = bound(
-            servo.command, self._command, *scales, *hand, layout.reference_quaternion, call=(np.zeros(layout.size),)
+            servo.set_goal, self._command, *scales, *hand, layout.reference_quaternion, call=(np.zeros(layout.size),)
         )
-        n = sum(size for _, size in sensing.measurements(self._handles.hand_addresses.size))
+        n = sensing.size(found.hand.size)
         bodies = (data.xpos, data.xquat, self._frames, layout.reference_quaternion)
         self._measure = bound(
-            sensing.observe, *state, *arrays[:2], *arrays[6:13], data.actuator_force, data.qacc,
+            sensing.observe, *state, *found.joints, *found.tool, found.hand, data.actuator_force, data.qacc,
             *bodies, call=(np.zeros(n + 7 * self._frames.size),),
         )  # fmt: skip
 
@@ -112,7 +127,7 @@ class Robot:
         self._memory[:] = 0
         self.data.qpos[: wam.N_JOINTS] = wam.HOME
         mujoco.mj_forward(self.model, self.data)
-        hand = self.data.qpos[self._handles.hand_addresses]
+        hand = self.data.qpos[self._handles.hand]
         m = self._memory_fields
         m["position"][:], m["quaternion"][:] = self._site.xpos, self.tool_quaternion()
         m["hand"][: hand.size] = hand

@@ -31,12 +31,13 @@ def external_wrench(
     wrench[5] -= mass * (cx * gravity[1] - cy * gravity[0])
 
 
-def measurements(n_hand: int) -> tuple[tuple[str, int], ...]:
-    """Names and sizes of what `observe` writes before the frames; `n_hand` is 4 with a hand, 0 without."""
-    arm = (("joint_position", 7), ("joint_velocity", 7))
-    tool = (("tool_position", 3), ("tool_quaternion", 4), ("tool_velocity", 6))
-    reference = (("reference_position", 3), ("reference_quaternion", 4), ("reference_velocity", 6), ("wrench", 6))
-    return (*arm, *tool, *reference, *((("hand_position", 4), ("hand_torque", 4)) if n_hand else ()))
+ARM_SIZE = 46
+"""Numbers that are measured without hand and frames."""
+
+
+def size(n_hand: int) -> int:
+    """Numbers that `observe` writes before the frames; `n_hand` is 4 with a hand, 0 without."""
+    return ARM_SIZE + 2 * n_hand
 
 
 @njit(cache=True)
@@ -61,7 +62,7 @@ def observe(  # type: ignore[no-untyped-def]
     reference,
     flat,
 ):
-    """Writes the observation, `measurements` and then a pose (7,) per frame; starts a new mean of the wrench.
+    """Writes the observation in the order of `lfd_gym.envs.measured.bounds`; starts a new mean of the wrench.
 
     Quaternions of tool and reference lie in the half space of `reference` (4,), those of frames have w >= 0. Right after a
     reset the wrench is that of the moment. Returns whether positions, velocities and accelerations are finite.
@@ -78,7 +79,7 @@ def observe(  # type: ignore[no-untyped-def]
     else:
         external_wrench(sensor_rotation, reading, sensor, tool_com, s.tool_mass, s.gravity, flat[40:46])
         flat[40:46] += command[0].sensor_error
-    at = 46
+    at = ARM_SIZE
     for i in range(s.n_hand):
         flat[at + i] = qpos[hand_joints[i]]
         flat[at + s.n_hand + i] = actuator_force[n + i]

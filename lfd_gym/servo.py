@@ -241,7 +241,7 @@ def drive_hand(settings, command, memory, qpos: Array, hand_joints: Array, ctrl:
 
 
 @njit(cache=True)
-def command(command, low, high, rotation_limit, force_limit, hand_low, hand_high, reference, action) -> bool:  # type: ignore[no-untyped-def]
+def set_goal(command, low, high, rotation_limit, force_limit, hand_low, hand_high, reference, action) -> bool:  # type: ignore[no-untyped-def]
     """Writes the goal of an action (see `lfd_gym.action`); False, and nothing written, where it is not finite."""
     goal = decode_array(action, low, high, rotation_limit, force_limit, hand_low, hand_high, reference)
     if math.isnan(goal[0]):

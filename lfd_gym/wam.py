@@ -44,10 +44,17 @@ MAX_FINGERTIP_FRICTION = 1.2
 class Handles(NamedTuple):
     """Views into one simulation that the controller reads and writes at every step; looked up once."""
 
-    arguments: tuple[NDArray, ...]
-    """The arrays of `servo.tick` from `qpos` to `ctrl`."""
-    hand_addresses: NDArray[np.int64]
-    """Addresses of spread and finger angles in `qpos`; empty for a pen."""
+    joints: tuple[NDArray, ...]
+    """Positions and velocities of all joints."""
+    dynamics: tuple[NDArray, ...]
+    """Inertia matrix, bias torques, and the joints' anchors and axes in the world."""
+    tool: tuple[NDArray, ...]
+    """Place and rotation of the tool point and of the wrist sensor, its reading, and where all that hangs on it has its centre
+    of mass."""
+    hand: NDArray[np.int64]
+    """Addresses of spread and finger angles among the positions; empty for a pen."""
+    ctrl: NDArray
+    """What the arm's motors and the fingers' drives are told."""
 
 
 def action_layout(low: ArrayLike, high: ArrayLike, **differs: Any) -> ActionLayout:
@@ -92,22 +99,11 @@ def handles(model: mujoco.MjModel, data: mujoco.MjData, tool: str) -> Handles:
         [model.joint(f"{tool}/{name}").qposadr[0] for name in HAND_JOINT_NAMES] if tool == "hand" else [],
         dtype=np.int64,
     )
+    reading, tool_com = data.sensordata[first : first + 6], data.body(f"{tool}/{tool}").subtree_com
     return Handles(
-        arguments=(
-            data.qpos,
-            data.qvel,
-            data.M,
-            data.qfrc_bias,
-            data.xanchor,
-            data.xaxis,
-            site.xpos,
-            site.xmat,
-            sensor.xpos,
-            sensor.xmat,
-            data.sensordata[first : first + 6],
-            data.body(f"{tool}/{tool}").subtree_com,
-            addresses,
-            data.ctrl,
-        ),
-        hand_addresses=addresses,
+        joints=(data.qpos, data.qvel),
+        dynamics=(data.M, data.qfrc_bias, data.xanchor, data.xaxis),
+        tool=(site.xpos, site.xmat, sensor.xpos, sensor.xmat, reading, tool_com),
+        hand=addresses,
+        ctrl=data.ctrl,
     )

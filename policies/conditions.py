@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies.feature_selection import Event, separation, telling_event, telling_features
-from policies.features import ENTITIES
-from policies.goal_distance import Feature
+from policies.features import Feature
 from policies.object_motion import MOTION
 from policies.passages import END, PassageData
+from policies.task_data import ENTITIES
 
 Array = NDArray[np.float64]
 

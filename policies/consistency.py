@@ -14,10 +14,9 @@ from lfd_gym.action import ActionLayout
 from lfd_gym.errors import is_number
 from lfd_gym.view import DECISION_TIME, View
 from policies.decisions import DECISIONS
-from policies.features import N_COORDINATES
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
-from policies.reinforcement.network import Network
+from policies.task_data import N_COORDINATES
 
 ROW_SHAPES = {
     "position_frame": (), "orientation_frame": (), "space": (), "modes": (N_COORDINATES,), "shared": (3,), "mean": (4,),
@@ -65,24 +64,24 @@ def check_graph(
     n, table = len(primitives.names), primitives.table
     for name, shape in ROW_SHAPES.items():
         array = getattr(table if name in table._fields else primitives, name)
-        _check(array.shape == (n, *shape), name)
+        check(array.shape == (n, *shape), name)
         _check_finite({name: array})
     for name in ("position_frame", "orientation_frame"):
         _check_index(getattr(table, name), 0, len(table.frames), name)
-    _check(len(named.indices) == len(named.low) == len(named.high) == len(named.keys), "observed")
+    check(len(named.indices) == len(named.low) == len(named.high) == len(named.keys), "observed")
     _check_finite({"observed_low": named.low, "observed_high": named.high})
-    _check(len(labels) == len(nodes), "nodes")
+    check(len(labels) == len(nodes), "nodes")
     _check_index(np.array(labels), -1, n, "labels")
     for node in nodes:
         size = len(node.feature_primitives)
-        _check(node.gains.shape == (size, N_COORDINATES) and node.sides.shape == (size,), "features")
-        _check(node.feature_columns.shape == (size,) and node.dwell.shape == node.targets.shape, "features")
+        check(node.gains.shape == (size, N_COORDINATES) and node.sides.shape == (size,), "features")
+        check(node.feature_columns.shape == (size,) and node.dwell.shape == node.targets.shape, "features")
         _check_index(node.feature_primitives, -1, n, "feature_primitives")
         _check_index(node.feature_columns, -1, len(named.keys), "feature_columns")
-        _check(bool(np.all((node.feature_primitives >= 0) | (node.feature_columns >= 0))), "features")
+        check(bool(np.all((node.feature_primitives >= 0) | (node.feature_columns >= 0))), "features")
         _check_index(node.targets, 0, len(nodes), "targets")
         _check_finite({"gains": node.gains, "sides": node.sides, "dwell": node.dwell})
-        _check(is_number(node.patience) and node.patience > 0.0, "patience")
+        check(is_number(node.patience) and node.patience > 0.0, "patience")
         if node.decision is not None:
             _check_decision(node.decision, size, len(node.targets))
 
@@ -106,55 +105,42 @@ def check_path(
         dt: control step [s].
     """
     _check_layout(layout, dt)
-    _check(isinstance(frames, list) and all(isinstance(name, str) for name in frames), "frames")
+    check(isinstance(frames, list) and all(isinstance(name, str) for name in frames), "frames")
     steps, n_frames = len(schedules["press_force"]), len(frames) + 1
-    _check(steps > 0, "press_force")
+    check(steps > 0, "press_force")
     _check_shapes(schedules, SCHEDULE_SHAPES, N=steps, H=layout.hand_low.size)
     _check_shapes(path, PATH_SHAPES[kind], N=steps, F=n_frames)
     _check_finite({**path, **schedules})
     for name in ("press_frame", "orientation_frame"):
         _check_index(schedules[name], 0, n_frames, name)
     if kind == "mixture":
-        _check(0 < len(path["mean"]) <= n_frames, "mean")
+        check(0 < len(path["mean"]) <= n_frames, "mean")
     if kind == "dmp":
         _check_index(path["frame"], 0, n_frames, "frame")
         _check_starts(path["start"][:-1], len(path["frame"]), steps)
-        _check(path["start"][-1] == steps, "start")
-
-
-def check_network(network: Network, n_inputs: int, n_outputs: int) -> None:
-    """Raise ValueError unless a network of finite numbers leads from so many inputs to so many outputs."""
-    size = n_inputs
-    for name in ("mean", "scale"):
-        _check(getattr(network, name).shape == (n_inputs,), f"network_{name}")
-    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        _check(weight.ndim == 2 and weight.shape[1] == size and bias.shape == weight.shape[:1], f"network_weight{i}")
-        size = weight.shape[0]
-    _check(size == n_outputs, "network")
-    arrays = (network.mean, network.scale, *network.weights, *network.biases)
-    _check(all(np.isfinite(array).all() for array in arrays) and bool((network.scale > 0.0).all()), "network")
+        check(path["start"][-1] == steps, "start")
 
 
 def check_view(view: View) -> None:
     """Raise ValueError for a view with a layout, a control step or controls that cannot be."""
     _check_layout(view.layout, view.dt)
-    _check(view.repeats > 0 and math.isclose(view.repeats * view.dt, DECISION_TIME), "dt")
-    _check(bool(view.controls) and all(isinstance(name, str) for name in (*view.controls, *view.frames)), "controls")
-    _check(len(view.hand_open) == len(view.hand_closed) == 4, "hand_open")
+    check(view.repeats > 0 and math.isclose(view.repeats * view.dt, DECISION_TIME), "dt")
+    check(bool(view.controls) and all(isinstance(name, str) for name in (*view.controls, *view.frames)), "controls")
+    check(len(view.hand_open) == len(view.hand_closed) == 4, "hand_open")
 
 
 def _check_layout(layout: ActionLayout, dt: Any) -> None:
-    _check(is_number(dt) and 0.0 < dt < np.inf, "dt")
+    check(is_number(dt) and 0.0 < dt < np.inf, "dt")
     arrays = {name: getattr(layout, name) for name in LAYOUT_SHAPES}
     _check_shapes(arrays, LAYOUT_SHAPES, H=np.size(layout.hand_low))
-    _check(np.size(layout.hand_low) in (0, 4), "hand_low")
+    check(np.size(layout.hand_low) in (0, 4), "hand_low")
     for field in fields(layout):
         value = getattr(layout, field.name)
-        _check((field.name in arrays or is_number(value)) and bool(np.isfinite(value).all()), field.name)
-    _check(bool((layout.workspace_low < layout.workspace_high).all()), "workspace_low")
-    _check(bool((layout.hand_low < layout.hand_high).all()), "hand_low")
+        check((field.name in arrays or is_number(value)) and bool(np.isfinite(value).all()), field.name)
+    check(bool((layout.workspace_low < layout.workspace_high).all()), "workspace_low")
+    check(bool((layout.hand_low < layout.hand_high).all()), "hand_low")
     for name in ("rotation_limit", "force_limit", "alpha", "beta", "speed_limit", "turn_limit"):
-        _check(bool(np.all(np.greater(getattr(layout, name), 0.0))), name)
+        check(bool(np.all(np.greater(getattr(layout, name), 0.0))), name)
 
 
 def _check_decision(decision: Any, size: int, n_classes: int) -> None:
@@ -163,7 +149,7 @@ def _check_decision(decision: Any, size: int, n_classes: int) -> None:
     _check_finite(arrays)
     if kind == "votes":
         every = np.argwhere(np.triu(np.ones((n_classes, n_classes)), 1))
-        _check(n_classes > 1 and np.array_equal(arrays["pairs"], every), "pairs")
+        check(n_classes > 1 and np.array_equal(arrays["pairs"], every), "pairs")
     if kind == "mixture":
         _check_starts(arrays["starts"], n_classes, len(arrays["means"]))
 
@@ -171,26 +157,27 @@ def _check_decision(decision: Any, size: int, n_classes: int) -> None:
 def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], **sizes: int) -> None:
     for name, word in shapes.items():
         shape = np.shape(arrays[name])
-        _check(len(shape) == len(word), name)
+        check(len(shape) == len(word), name)
         for letter, n in zip(word, shape, strict=True):
-            _check(n == (int(letter) if letter.isdigit() else sizes.setdefault(letter, n)), name)
+            check(n == (int(letter) if letter.isdigit() else sizes.setdefault(letter, n)), name)
 
 
 def _check_finite(arrays: Mapping[str, Any]) -> None:
     for name, array in arrays.items():
-        _check(bool(np.isfinite(array).all()), name)
+        check(bool(np.isfinite(array).all()), name)
 
 
 def _check_starts(starts: Any, n: int, stop: int) -> None:
     """Of n parts in a row, none of them empty, that end at stop."""
     _check_index(starts, 0, stop, "start")
-    _check(len(starts) == n > 0 and starts[0] == 0 and bool((np.diff(starts) > 0).all()), "start")
+    check(len(starts) == n > 0 and starts[0] == 0 and bool((np.diff(starts) > 0).all()), "start")
 
 
 def _check_index(array: Any, low: int, high: int, name: str) -> None:
-    _check(array.dtype.kind == "i" and bool(np.all((array >= low) & (array < high))), name)
+    check(array.dtype.kind == "i" and bool(np.all((array >= low) & (array < high))), name)
 
 
-def _check(fits: bool, name: str) -> None:
+def check(fits: bool, name: str) -> None:
+    """Raise ValueError, naming what does not fit, unless it does."""
     if not fits:
         raise ValueError(f"'{name}' does not fit the rest")

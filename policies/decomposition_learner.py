@@ -81,15 +81,6 @@ class DecompositionLearner(Learner):
             )
         taught = [dataclasses.replace(demonstrations[m], labels=labels[m], primitives=primitives) for m in kept]
         skill = learner.fit(taught).skill_
-        values, arrays = skill.to_arrays()
-        return type(skill).from_arrays(
-            values,
-            arrays,
-            env_id=skill.env_id,
-            taught_seeds=taught_seeds(demonstrations),
-            metadata={
-                **skill.metadata,
-                "learner": f"decomposition, {self.method}, {skill.metadata['learner']}",
-                "parameters": self.get_params(),
-            },
-        )
+        learned = f"decomposition, {self.method}, {skill.metadata['learner']}"
+        metadata = {**skill.metadata, "learner": learned, "parameters": self.get_params()}
+        return skill.with_facts(taught_seeds=taught_seeds(demonstrations), metadata=metadata)

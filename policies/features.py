@@ -1,238 +1,91 @@
-"""Observations to task-space data, and the goal distance of a primitive (thesis 2.1.2, 2.16, 2.17).
+"""Features: goal distances (thesis 2.16, 2.17), one per primitive or one per entity, and named observations (2.5.3)."""
 
-A primitive controls up to three entities, each in a frame of its own: position, orientation, hand. Its task-space
-coordinates x are (`N_COORDINATES`,):
-
-    x[POSITION]      tool position in the frame, in the Cartesian or cylindrical coordinates of `task_space`
-    x[ORIENTATION]   rotation vector r [rad] with R = exp(r) R_mean in axes of the frame; R_mean is the primitive's own
-    x[HAND]          joint angles of spread and fingers [rad]
-
-The same compiled kernel serves a whole demonstration and a single observation.
-"""
-
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from lfd_gym import quaternion
-from lfd_gym.demonstration import EntityControl, Primitive
-from lfd_gym.errors import DemonstrationError
-from policies import task_space
-from policies.task_space import POSITION_SPACES
+from policies.goal_distance import goal_distance_width
+from policies.passages import END, TOLERANCE, PassageData
+from policies.task_data import CONTROLLED, ENTITIES, N_COORDINATES
+from policies.task_space import AXES
 
 Array = NDArray[np.float64]
 
-POSITION, ORIENTATION, HAND = slice(0, 3), slice(3, 6), slice(6, 10)
-N_COORDINATES = 10
-ENTITIES = {"position": POSITION, "orientation": ORIENTATION, "hand": HAND}
-
-HOLD, CONTROLLED, FORCE = 0, 1, 2
-"""What a primitive does along one coordinate: nothing, reach a goal, or press."""
-MODES = {"hold": HOLD, "position": CONTROLLED, "force": FORCE}
-SPACES = {"position": POSITION_SPACES, "orientation": ("rotation",), "hand": ("joints",)}
-WORLD = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-"""Pose of the world frame: position, quaternion."""
+KINDS = ("entity", "primitive")
+"""One goal distance per entity and per side of a force axis; or the thesis's one of all dimensions."""
 
 
-class Measurement(NamedTuple):
-    """What was measured at N instants."""
+class Feature(NamedTuple):
+    """A goal distance (2.17), f = 1 - exp(-1/2 sum_i (gain_i (x_i - g_i))^2), or a named observation."""
 
-    position: Array
-    """Tool point, world frame (N, 3) [m]."""
-    quaternion: Array
-    """Tool orientation, world frame (N, 4)."""
-    hand: Array
-    """Joint angles of the hand (N, 4) [rad]; zeros where there is none."""
-    frames: Array
-    """Pose of every named frame (N, F, 7): position [m], quaternion."""
-
-
-class PrimitiveTable(NamedTuple):
-    """The primitive table as plain arrays, one row per primitive."""
-
-    position_frame: NDArray[np.int64]
-    """(K,) index into the frames."""
-    orientation_frame: NDArray[np.int64]
-    """(K,)."""
-    space: NDArray[np.int64]
-    """(K,) CARTESIAN or CYLINDRICAL, of the position."""
-    modes: NDArray[np.int64]
-    """(K, N_COORDINATES) of HOLD, CONTROLLED, FORCE."""
-    shared: NDArray[np.int64]
-    """(K, 3) per entity the first row with the same primitive of this entity, in the same frame and space."""
-    frames: tuple[str, ...]
-    """Names of the frames in use, "world" first."""
-
-    def entity_frames(self) -> NDArray[np.int64]:
-        """(K, 3) index into the frames per entity; the hand has none but its own."""
-        return np.stack([self.position_frame, self.orientation_frame, np.zeros_like(self.position_frame)], axis=1)
-
-    def alike(self, k: int, coordinate: int, rows: Iterable[int]) -> list[int]:
-        """Those of the rows that go to the same goal as row k along a coordinate; k itself if it does not control it."""
-        entity = next(e for e, part in enumerate(ENTITIES.values()) if part.start <= coordinate < part.stop)
-        if self.modes[k, coordinate] != CONTROLLED:
-            return [k]
-        return [
-            j
-            for j in rows
-            if self.shared[j, entity] == self.shared[k, entity] and self.modes[j, coordinate] == CONTROLLED
-        ]
+    name: str
+    """What it is the distance of: an entity, or a force axis and its side; or the observation's name."""
+    primitive: int
+    """Whose goal; -1 for an observation."""
+    gain: Array
+    """(N_COORDINATES,) 1 / sigma_i, 0 where a coordinate does not count."""
+    side: float
+    """0, or the sign of the only deviations that count."""
+    column: int = -1
+    """Which of the named observations; -1 for a goal distance."""
 
 
-def primitive_table(primitives: Sequence[Primitive], observation_names: Sequence[str]) -> PrimitiveTable:
-    """Arrays of a primitive table; DemonstrationError for a frame, space or mode that cannot be learned with."""
-    tracked = sorted(name.removeprefix("frame_") for name in observation_names if name.startswith("frame_"))
-    known = ("world", *tracked)
-    modes = np.zeros((len(primitives), N_COORDINATES), dtype=np.int64)
-    for k, primitive in enumerate(primitives):
-        for entity, part in ENTITIES.items():
-            control: EntityControl | None = getattr(primitive, entity)
-            if control is not None:
-                _check_control(f"the {entity} of primitive '{primitive.name}'", entity, control, known)
-                modes[k, part] = [MODES[axis] for axis in control.axes]
-    used = {p.position.frame for p in primitives} | {p.orientation.frame for p in primitives}
-    frames = ("world", *(name for name in tracked if name in used))
-    position_frame = np.array([frames.index(p.position.frame) for p in primitives], dtype=np.int64)
-    orientation_frame = np.array([frames.index(p.orientation.frame) for p in primitives], dtype=np.int64)
-    space = np.array([POSITION_SPACES.index(p.position.space) for p in primitives], dtype=np.int64)
-    kinds = [[_kind(entity, getattr(p, entity)) for entity in ENTITIES] for p in primitives]
-    shared = [[[row[e] for row in kinds].index(kind) for e, kind in enumerate(own)] for own in kinds]
-    return PrimitiveTable(position_frame, orientation_frame, space, modes, np.array(shared, dtype=np.int64), frames)
+def observed_features(data: PassageData) -> list[Feature]:
+    """One feature per component of the named observations."""
+    none = np.zeros(N_COORDINATES)
+    return [Feature(data.named.name(c), -1, none, 0.0, c) for c in range(len(data.named.keys))]
 
 
-def _kind(entity: str, control: EntityControl | None) -> tuple[int, str, str] | None:
-    """What primitives of an entity have in common that go to the same goal."""
-    if control is None:
-        return None
-    return control.primitive, "world" if entity == "hand" else control.frame, control.space
-
-
-def _check_control(what: str, entity: str, control: EntityControl, frames: Sequence[str]) -> None:
-    if control.frame not in frames and entity != "hand":
-        raise DemonstrationError(f"{what} has the frame '{control.frame}'; tracked are: {', '.join(frames)}")
-    if control.space not in SPACES[entity]:
-        raise DemonstrationError(f"{what} has the space '{control.space}'; possible: {', '.join(SPACES[entity])}")
-    size = ENTITIES[entity].stop - ENTITIES[entity].start
-    possible = ("position", "force", "hold") if entity == "position" else ("position", "hold")
-    if len(control.axes) != size or not set(control.axes) <= set(possible):
-        raise DemonstrationError(f"{what} has the axes {control.axes}; it needs {size} of: {', '.join(possible)}")
-
-
-def measure(observations: Mapping[str, Array], frames: Sequence[str]) -> Measurement:
-    """Measured quantities of a batch of observations (N, d) by name; frames[0] is the world."""
-    position = np.asarray(observations["tool_position"], dtype=np.float64)
-    n = len(position)
-    hand = observations.get("hand_position")
-    poses = np.empty((n, len(frames), 7))
-    poses[:, 0] = WORLD
-    for i, name in enumerate(frames[1:], start=1):
-        poses[:, i] = observations["frame_" + name]
-    return Measurement(
-        position,
-        np.asarray(observations["tool_quaternion"], dtype=np.float64),
-        np.zeros((n, 4)) if hand is None or np.shape(hand)[1] == 0 else np.asarray(hand, dtype=np.float64),
-        poses,
-    )
-
-
-@njit(cache=True)
-def task_coordinates(
-    position: Array,
-    orientation: Array,
-    hand: Array,
-    position_frame: Array,
-    orientation_frame: Array,
-    space: int,
-    mean: Array,
-) -> Array:
-    """Coordinates x (N_COORDINATES,) of one instant; frames are poses (7,), mean is the quaternion of R_mean."""
-    x = np.empty(10)
-    within = quaternion.rotate(quaternion.conjugate(position_frame[3:]), position - position_frame[:3])
-    x[:3] = task_space.coordinates(within, space)
-    relative = quaternion.multiply(quaternion.conjugate(orientation_frame[3:]), orientation)
-    x[3:6] = quaternion.to_rotation_vector(quaternion.multiply(relative, quaternion.conjugate(mean)))
-    x[6:] = hand
-    return x
-
-
-@njit(cache=True)
-def world_goal(
-    x: Array, position_frame: Array, orientation_frame: Array, space: int, mean: Array
-) -> tuple[Array, Array]:
-    """Position (3,) and quaternion (4,) in the world of the coordinates x: inverse of task_coordinates."""
-    position = position_frame[:3] + quaternion.rotate(position_frame[3:], task_space.point(x[:3], space))
-    relative = quaternion.multiply(quaternion.from_rotation_vector(x[3:6]), mean)
-    return position, quaternion.multiply(orientation_frame[3:], relative)
-
-
-@njit(cache=True)
-def deviation(x: Array, goal: Array, space: int) -> Array:
-    """x - g (N_COORDINATES,), minus Delta of (2.16) [m], [rad], [rad]; an angle of the position counts along its arc."""
-    result = x - goal
-    result[:3] = task_space.difference(x[:3], goal[:3], goal[0], space)
+def whole_way_features(data: PassageData, k: int) -> list[Feature]:
+    """Goal distances of primitive k, one per entity, that grade all that was demonstrated: sigma is half the largest."""
+    result = []
+    for entity in data.controlled(k):
+        largest = max(data.distance(k, entity, deviations).max() for deviations in data.everywhere(k))
+        gain = np.zeros(N_COORDINATES)
+        controlled = data.primitives.table.modes[k, ENTITIES[entity]] == CONTROLLED
+        gain[ENTITIES[entity]] = controlled / max(0.5 * largest, TOLERANCE[entity])
+        result.append(Feature(f"{entity}, whole way", k, gain, 0.0))
     return result
 
 
-@njit(cache=True)
-def _trajectory(
-    position: Array, orientation: Array, hand: Array, frames: Array, at: int, turned: int, space: int, mean: Array
-) -> Array:
-    x = np.empty((len(position), 10))
-    for t in range(len(position)):
-        x[t] = task_coordinates(position[t], orientation[t], hand[t], frames[t, at], frames[t, turned], space, mean)
-    return x
+def goal_distance_features(data: PassageData, k: int, kind: str) -> list[Feature]:
+    """Features of primitive k. Along a force axis the world may yield or contact be missing: two different events."""
+    modes, total, result = data.primitives.table.modes[k], np.zeros(N_COORDINATES), []
+    axes = AXES[data.primitives.table.space[k]]
+    for entity in data.controlled(k):
+        width = _width(data, k, partial(data.distance, k, entity), TOLERANCE[entity], kind)
+        gain = np.zeros(N_COORDINATES)
+        gain[ENTITIES[entity]] = (modes[ENTITIES[entity]] == CONTROLLED) / width
+        result.append(Feature(entity, k, gain, 0.0))
+        total += gain
+    for i in data.forced(k):
+        direction = float(np.sign(data.primitives.force[k, i])) or 1.0
+        for name, side in (("contact missing", -direction), ("world yielded", direction)):
+            width = _width(data, k, partial(_beyond, i, side), TOLERANCE["position"], kind)
+            gain = np.zeros(N_COORDINATES)
+            gain[i] = 1.0 / width
+            result.append(Feature(f"{name} along {axes[i]}", k, gain, side))
+        total = total + gain
+    return [Feature("all", k, total, 0.0)] if kind == "primitive" and result else result
 
 
-def trajectory(measured: Measurement, table: PrimitiveTable, primitive: int, mean: Array) -> Array:
-    """Coordinates (N, N_COORDINATES) of one primitive along a demonstration."""
-    at, turned = int(table.position_frame[primitive]), int(table.orientation_frame[primitive])
-    space = int(table.space[primitive])
-    return _trajectory(measured.position, measured.quaternion, measured.hand, measured.frames, at, turned, space, mean)
+def _beyond(i: int, side: float, deviations: Array) -> Array:
+    return np.maximum(side * deviations[:, i], 0.0)
 
 
-@njit(cache=True)
-def deviations(x: Array, goal: Array, space: int) -> Array:
-    """`deviation` of every row (N, N_COORDINATES)."""
-    result = np.empty_like(x)
-    for t in range(len(x)):
-        result[t] = deviation(x[t], goal, space)
-    return result
-
-
-def relative_quaternion(measured: Measurement, frame: int, t: int) -> Array:
-    """Tool orientation (4,) relative to a frame at one instant, canonical (w >= 0)."""
-    pose = measured.frames[t, frame]
-    return quaternion.canonical(quaternion.multiply(quaternion.conjugate(pose[3:]), measured.quaternion[t]))
-
-
-def mean_quaternion(quaternions: Array) -> Array:
-    """Mean orientation (4,) of quaternions (N, 4): largest eigenvector of sum q q^T, indifferent to their signs."""
-    return quaternion.canonical(np.ascontiguousarray(np.linalg.eigh(quaternions.T @ quaternions)[1][:, -1]))
-
-
-@njit(cache=True)
-def goal_distance(deviation: Array, gain: Array, side: float) -> float:
-    """Goal distance f = 1 - exp(-1/2 Delta^T Sigma^-1 Delta) in [0, 1] (2.17).
-
-    deviation (N_COORDINATES,) is x - g, minus Delta of (2.16); gain (N_COORDINATES,) the square roots of the diagonal
-    of Sigma^-1, 0 where a coordinate does not count. side 0 counts deviations to both sides, +1 or -1 only those of
-    that sign.
-    """
-    total = 0.0
-    for i in range(len(deviation)):
-        z = deviation[i] * gain[i]
-        if z * side >= 0.0:
-            total += z * z
-    return 1.0 - np.exp(-0.5 * total)
-
-
-@njit(cache=True)
-def goal_distances(deviations: Array, gain: Array, side: float) -> Array:
-    """goal_distance of every row (N, N_COORDINATES)."""
-    result = np.empty(len(deviations))
-    for t in range(len(deviations)):
-        result[t] = goal_distance(deviations[t], gain, side)
-    return result
+def _width(data: PassageData, k: int, distance: Callable[[Array], Array], smallest: float, kind: str) -> float:
+    """For one distance of all dimensions, one class: it has to grade the whole way, as the thesis's does."""
+    groups: dict[Hashable, list[Array]] = {}
+    for p in data.passages:
+        if data.graph.labels[p.node] == k:
+            d, arrival = distance(data.deviations(p, k)), data.arrival(p)
+            if kind == "primitive":
+                groups.setdefault("all", []).append(d)
+            elif arrival > 0:
+                groups.setdefault("on the way", []).append(d[:arrival])
+            if kind == "entity" and not data.stopped_early(p):
+                groups.setdefault(END if p.exit < 0 else data.graph.labels[p.exit], []).append(d[arrival:])
+    return goal_distance_width(groups, smallest)

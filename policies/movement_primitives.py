@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.errors import DemonstrationError
-from policies.features import (
+from policies.goals import NormalisedTime, attractor_goal
+from policies.sequence_graph import segments
+from policies.task_data import (
     CONTROLLED,
     FORCE,
     HAND,
@@ -26,8 +28,6 @@ from policies.features import (
     relative_quaternion,
     trajectory,
 )
-from policies.goals import NormalisedTime, attractor_goal
-from policies.sequence_graph import segments
 from policies.task_space import CYLINDRICAL, SMALLEST_RADIUS, coordinates, directions
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ PRESSED_SHARE = 0.25
 """A joint presses if it did in this share of the segments: of fingers that oppose each other not all bear torque each time."""
 SLOWEST, GENTLEST = 0.1, 0.5
 """[m/s], [m/s^2]: a primitive that hardly moved the tool may still have to move it so fast, and so suddenly."""
-CONTACT_FRACTION = 0.5
+STEADY_SHARE = 0.5
 """A force counts as steady contact above this fraction of its 90 % quantile within the segment."""
 
 
@@ -255,7 +255,7 @@ def _steady_contact(forces: Sequence[Array], positions: Sequence[Array]) -> tupl
     """
     levels, places = [], []
     for f, x in zip(forces, positions, strict=True):
-        steady = np.abs(f) >= CONTACT_FRACTION * np.quantile(np.abs(f), 0.9)
+        steady = np.abs(f) >= STEADY_SHARE * np.quantile(np.abs(f), 0.9)
         levels.append(np.median(f[steady]))
         places.append(np.median(x[steady]))
     return float(np.median(levels)), float(np.median(places))

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.features import N_COORDINATES
+from policies.decisions import Decision, constant_decision
 from policies.passages import END
 from policies.sequence_graph_skill import Node, class_targets
+from policies.task_data import N_COORDINATES
 from policies.transition_data import STAY, NodeData
-from policies.transitions import CLASSIFIERS, Decision, constant_decision
+from policies.transitions import CLASSIFIERS
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion
-from policies.features import Measurement
 from policies.sequence_graph import segments
+from policies.task_data import Measurement
 
 Array = NDArray[np.float64]
 

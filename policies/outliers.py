@@ -23,18 +23,18 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from lfd_gym.demonstration import NO_LABEL, Demonstration, EntityControl, check_same_environment
+from policies.movement_primitives import STEADY_SHARE
+from policies.passages import SCATTER
 from policies.sequence_graph import Segment, segments
 
 Array = NDArray[np.float64]
 
 FEWEST = 3
 """Of two demonstrations that differ none is the odd one."""
-USUAL = {"position": 0.05, "orientation": 0.26, "hand": 0.35, "duration": np.log(6.0), "force": np.log(2.3)}
-"""[m], [rad], [rad], factor, factor: five times the spread of a human's goals; a pause, a slow movement, a firmer press."""
+USUAL = {**SCATTER, "duration": np.log(6.0), "force": np.log(2.3)}
+"""[m], [rad], [rad], factor, factor: a human's goals; a pause or a slow movement; a firmer press."""
 PRIOR_WEIGHT = 6.0
 """So many demonstrations is the knowledge of what is usual worth."""
-CONTACT_FRACTION = 0.5
-"""A force counts as steady above this fraction of its 90 % quantile within the segment."""
 LEAST_FORCE = 0.1
 """Of what is pressed by less than this [N], as with a sensor that measures nothing, no ratio is taken."""
 START = -1
@@ -226,4 +226,4 @@ def _press(demonstration: Demonstration, part: Segment, control: EntityControl) 
     if control.space == "cartesian":
         wrench = wrench[:, [axis == "force" for axis in control.axes]]
     force = np.linalg.norm(wrench, axis=1)
-    return float(np.median(force[force >= CONTACT_FRACTION * np.quantile(force, 0.9)]))
+    return float(np.median(force[force >= STEADY_SHARE * np.quantile(force, 0.9)]))

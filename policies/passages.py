@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.features import CONTROLLED, ENTITIES, FORCE, Measurement, deviations, trajectory
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
 from policies.object_motion import MOTION
 from policies.sequence_graph import SequenceGraph, TransitionPoint, segments
+from policies.task_data import CONTROLLED, ENTITIES, FORCE, Measurement, deviations, trajectory
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,8 @@ TOLERANCE = {"position": 0.004, "orientation": 0.035, "hand": 0.05, "force": 0.0
 """[m], [rad], [rad], [m]: nearer than this is arrived; about twice the controller's residual error, so that the learned
 goal itself is always well inside. Along a force axis nothing is reached: there it is the measurement's resolution."""
 SCATTER = {"position": 0.05, "orientation": 0.26, "hand": 0.35}
-"""[m], [rad], [rad]: farther from the learned goal a passage did not end at it; three times a human's spread."""
+"""[m], [rad], [rad]: farther from the learned goal a passage did not end at it. Five times the standard deviation of a human's
+goals along one axis, three times that of their distance."""
 WIDER = 2.0
 """Where most passages ended at rest: the same in medians of their distances."""
 MOVING = 3

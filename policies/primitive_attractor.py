@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lfd_gym import quaternion
 from lfd_gym.contact import CONTACT_FRACTION
-from policies.features import CONTROLLED, FORCE, HOLD, task_coordinates, world_goal
 from policies.movement_primitives import MovementPrimitives
+from policies.task_data import CONTROLLED, FORCE, HOLD, task_coordinates, world_goal
 from policies.task_space import CYLINDRICAL, coordinates, directions, moved, point
 
 Array = NDArray[np.float64]

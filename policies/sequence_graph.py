@@ -107,15 +107,6 @@ class SequenceGraph:
             result.append(name if seen[label] == 1 else f"{name} ({seen[label]})")
         return result
 
-    def describe(self, names: Sequence[str] | None = None) -> str:
-        """One line per node: its primitive and its successors with the number of observed transitions."""
-        text = self.node_names(names)
-        lines = []
-        for node in range(self.n_nodes):
-            after = [f"{text[b]} x{len(self.transitions[node, b])}" for b in self.successors(node)]
-            lines.append(f"{text[node]} -> {', '.join(after) if after else 'end'}")
-        return "\n".join(lines)
-
     def to_dict(self) -> dict:
         """JSON-able form; from_dict inverts it."""
         edges = [[a, b, [list(point) for point in points]] for (a, b), points in self.transitions.items()]
@@ -188,11 +179,18 @@ def merge(a: SequenceGraph, b: SequenceGraph, match: Literal["label", "inputs"] 
     does not depend on the order of the demonstrations.
     """
     union = _union(a, b)
+    if match == "label":
+        at_start = [0 if node == a.n_nodes else node for node in range(union.n_nodes)]
+        return _ordered(_unite_equal_successors(union.merged(at_start)))
+    return _ordered(union.merged(_on_equal_paths(union, a.n_nodes)))
+
+
+def _on_equal_paths(union: SequenceGraph, start: int) -> list[int]:
+    """Algorithm 2: per node the one that it becomes; the second graph begins at node `start`."""
     parent = list(range(union.n_nodes))
-    parent[a.n_nodes] = 0
-    queue = [(0, a.n_nodes)]
-    mapped = {0}
-    while match == "inputs" and queue:
+    parent[start] = 0
+    queue, mapped = [(0, start)], {0}
+    while queue:
         node_a, node_b = queue.pop(0)
         for next_b in union.successors(node_b):
             inputs = _input_labels(union, next_b)
@@ -202,8 +200,7 @@ def merge(a: SequenceGraph, b: SequenceGraph, match: Literal["label", "inputs"] 
                     parent[next_b] = next_a
                     mapped.add(next_a)
                     queue.append((next_a, next_b))
-    graph = union.merged(parent)
-    return _ordered(_unite_equal_successors(graph) if match == "label" else graph)
+    return parent
 
 
 def _union(a: SequenceGraph, b: SequenceGraph) -> SequenceGraph:

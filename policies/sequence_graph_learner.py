@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from lfd_gym.demonstration import Demonstration, check_measured, taught_seeds
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
 from policies.arguments import check_flag, check_number
-from policies.features import FORCE, POSITION, measure, primitive_table
-from policies.goal_distance import KINDS
+from policies.features import KINDS
 from policies.goals import TIMES, NormalisedTime
 from policies.learner import Learner
 from policies.movement_primitives import MovementPrimitives, learn_primitives
@@ -22,6 +21,7 @@ from policies.outliers import LEAST_FORCE, find_outliers
 from policies.passages import BROKEN_OFF, PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
 from policies.sequence_graph_skill import SequenceGraphSkill, longest_stillness
+from policies.task_data import FORCE, POSITION, measure, primitive_table
 from policies.task_space import AXES
 from policies.transition_data import TransitionData
 from policies.transitions import CLASSIFIERS, KERNELS

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from lfd_gym import quaternion
 from lfd_gym.action import ActionLayout
 from policies.consistency import check_graph
-from policies.features import WORLD, Measurement, PrimitiveTable, deviation, goal_distance, task_coordinates
+from policies.decisions import DECISIONS, Decision
+from policies.goal_distance import goal_distance
 from policies.movement_primitives import MovementPrimitives
 from policies.named_observations import NamedObservations
 from policies.object_motion import MOTION, motions, tool_in_frames
@@ -18,7 +19,7 @@ from policies.passages import END
 from policies.primitive_attractor import Goals, command
 from policies.sequence_graph import SequenceGraph
 from policies.skill import Observation, Skill, State
-from policies.transitions import DECISIONS, Decision
+from policies.task_data import WORLD, Measurement, PrimitiveTable, deviation, task_coordinates
 
 Array = NDArray[np.float64]
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from lfd_gym.errors import InvalidArgumentError, SkillFileError
 from lfd_gym.paths import written_whole
 
-SCHEMA = "lfd_gym.skill/3"
+SCHEMA = "lfd_gym.skill/4"
 HEADER = "header"
 """Name of the array that holds the JSON header."""
 SKILLS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
-    "moa": "policies.moa_skill:MoASkill",
+    "path": "policies.path_skill:PathSkill",
     "agent": "policies.reinforcement.agent_skill:AgentSkill",
     "residual": "policies.reinforcement.residual:ResidualSkill",
     "refined-graph": "policies.reinforcement.refined_graph:RefinedGraphSkill",
@@ -52,6 +52,16 @@ class Skill(ABC):
     def __setattr__(self, name: str, value: Any) -> None:
         _freeze(value)
         super().__setattr__(name, value)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """The arguments of this class's constructor."""
+        return {"env_id": self.env_id, "taught_seeds": self.taught_seeds, "metadata": self.metadata}
+
+    def with_facts(self, **changed: Any) -> Self:
+        """The same skill, some of its facts changed."""
+        values, arrays = self.to_arrays()
+        return type(self).from_arrays(values, arrays, **(self.facts | changed))
 
     @abstractmethod
     def start(self, n: int) -> State:
@@ -110,8 +120,7 @@ class Skill(ABC):
             row = f'"{kind}": "{type(self).__module__}:{type(self).__name__}"'
             raise SkillFileError(f"SKILLS in policies/skill.py has no row {row}; nothing could read the file")
         values, arrays = self.to_arrays()
-        facts = {"env_id": self.env_id, "taught_seeds": list(self.taught_seeds), "metadata": self.metadata}
-        described = {"schema": SCHEMA, "kind": kind, "facts": facts, "values": values}
+        described = {"schema": SCHEMA, "kind": kind, "facts": self.facts, "values": values}
         header = json.dumps(described, sort_keys=True, default=lambda value: value.tolist())
         with written_whole(path) as temporary, open(temporary, "wb") as file:
             everything: dict[str, Any] = {HEADER: np.array(header), **arrays}

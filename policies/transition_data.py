@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies.conditions import Conditions, Seen, Waits
-from policies.features import goal_distances
-from policies.goal_distance import Feature, goal_distance_features, observed_features, whole_way_features
+from policies.features import Feature, goal_distance_features, observed_features, whole_way_features
+from policies.goal_distance import goal_distances
 from policies.passages import BROKEN_OFF, END, Passage, PassageData
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class TransitionData:
     """Training data of every node of a graph."""
 
     def __init__(self, data: PassageData, kind: str) -> None:
-        """kind of features, see `goal_distance.KINDS`."""
+        """kind of features, see `features.KINDS`."""
         self.data, self.kind = data, kind
         self.library = {k: goal_distance_features(data, k, kind) for k in data.labels}
         self.observed = observed_features(data)

@@ -13,17 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.decisions import (
-    DECISIONS,
-    Decision,
-    KernelDecision,
-    LinearDecision,
-    MixtureDecision,
-    VotingDecision,
-    constant_decision,
-)
-
-__all__ = ["CLASSIFIERS", "DECISIONS", "KERNELS", "Decision", "constant_decision"]
+from policies.decisions import Decision, KernelDecision, LinearDecision, MixtureDecision, VotingDecision
 
 Array = NDArray[np.float64]
 Classes = NDArray[np.int64]

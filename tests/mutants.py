@@ -190,7 +190,7 @@ MUTANTS = (
     ),
     Mutant(
         "the learner reads the reference",
-        "policies/features.py",
+        "policies/task_data.py",
         '["tool_position"]',
         '["reference_position"]',
         "tests/test_learners.py -k reads",

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from slipping_world import ABOVE, BEGIN, BESIDE, CLOSE, LIFT, solve, teach
 
-from policies.features import measure
 from policies.object_motion import GONE, MOTION, motion_observations, motions, tool_in_frames
 from policies.sequence_graph_learner import SequenceGraphLearner
+from policies.task_data import measure
 
 
 def skill(slips: tuple[int, ...], graph: str):

@@ -14,9 +14,10 @@ from lfd_gym.demonstration import save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, SeedOverlapError, UnknownNameError
 from lfd_gym.evaluation import check_fits, describe, evaluate, wilson_interval
 from lfd_gym.perturbation import Perturbation
-from lfd_gym.recording import TEACHING_SEEDS, record
+from lfd_gym.recording import record
 from lfd_gym.registry import make
 from lfd_gym.rollout import RandomPolicy, TeacherPolicy, rollout
+from lfd_gym.seeds import TEACHING_SEED
 from policies.sequence_graph_learner import SequenceGraphLearner
 from scripted_teachers.move_object import MoveObjectTeacher
 
@@ -226,7 +227,7 @@ def test_recording_twice_gives_equal_files_and_seeds_beyond_evaluation(tmp_path)
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
     assert discarded == []
     resets = [demonstration.seed["reset"] for demonstration in demonstrations]
-    assert min(resets) >= TEACHING_SEEDS
+    assert min(resets) >= TEACHING_SEED
     assert len(set(resets)) == 3
     assert len({demonstration.n_steps for demonstration in demonstrations}) > 1
 

@@ -38,6 +38,7 @@ from lfd_gym.experiments import toy as toy_experiment
 from lfd_gym.experiments.learning import TEACHING
 from lfd_gym.experiments.rows import Rows
 from lfd_gym.registry import load
+from lfd_gym.seeds import DEVELOPMENT_SEED
 from policies.transitions import CLASSIFIERS
 from scripted_teachers.cylinder_grasp import CLOSE, LIFT
 
@@ -60,7 +61,7 @@ def count_steps(env: Any, policy: Any, seed: int) -> Seen:
 
 
 def count_slowly_at_first(env: Any, policy: Any, seed: int) -> Seen:
-    time.sleep(0.5 * (seed == rows.DEVELOPMENT_SEED))
+    time.sleep(0.5 * (seed == DEVELOPMENT_SEED))
     return count_steps(env, policy, seed)
 
 

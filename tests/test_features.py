@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from lfd_gym.demonstration import EntityControl, Primitive
 from lfd_gym.errors import DemonstrationError
-from policies.features import (
-    goal_distance,
+from policies.goal_distance import goal_distance, goal_distance_width
+from policies.task_data import (
     mean_quaternion,
     measure,
     primitive_table,
@@ -15,7 +15,6 @@ from policies.features import (
     trajectory,
     world_goal,
 )
-from policies.goal_distance import goal_distance_width
 from policies.task_space import CARTESIAN, CYLINDRICAL
 
 

@@ -102,10 +102,10 @@ def test_one_decision_to_leave_a_node_leaves_it(skill: SequenceGraphSkill) -> No
         node, time = env._node, env.unwrapped.data.time
         env.step(0)
         assert env._node == node
-        assert env.unwrapped.data.time == pytest.approx(time + refined_graph.DECISION_TIME)
+        assert env.unwrapped.data.time == pytest.approx(time + refined_graph.CLASS_TIME)
         env.step(1)
         assert env._node == skill.nodes[node].targets[1] != node
-        assert skill.nodes[node].dwell[1] > refined_graph.DECISION_TIME
+        assert skill.nodes[node].dwell[1] > refined_graph.CLASS_TIME
 
 
 def test_the_exported_skill_scores_as_the_agent_and_rules_nothing_out(small: Any, skill: SequenceGraphSkill) -> None:

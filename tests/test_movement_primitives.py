@@ -10,10 +10,10 @@ from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.evaluation import evaluate
 from lfd_gym.recording import record
-from policies.features import CONTROLLED, HAND, ORIENTATION, POSITION, measure, primitive_table
 from policies.movement_primitives import MovementPrimitives, learn_primitives
 from policies.sequence_graph import segments
 from policies.sequence_graph_learner import SequenceGraphLearner
+from policies.task_data import CONTROLLED, HAND, ORIENTATION, POSITION, measure, primitive_table
 from policies.task_space import CYLINDRICAL
 from scripted_teachers.box_flipping import BoxFlippingTeacher
 from scripted_teachers.move_object import MoveObjectTeacher

@@ -5,10 +5,10 @@ import warnings
 import numpy as np
 import pytest
 
-from policies.features import N_COORDINATES
-from policies.goal_distance import Feature
+from policies.features import Feature
 from policies.node_learner import NodeLearner, TransitionWarning
 from policies.passages import END
+from policies.task_data import N_COORDINATES
 from policies.transition_data import NodeData
 
 NAMES = ("start", "reach", "grasp", "push")

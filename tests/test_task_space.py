@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
 from lfd_gym.errors import DemonstrationError
-from policies.features import deviation, measure, primitive_table
 from policies.movement_primitives import MovementPrimitives, learn_primitives
+from policies.task_data import deviation, measure, primitive_table
 from policies.task_space import (
     CARTESIAN,
     CYLINDRICAL,

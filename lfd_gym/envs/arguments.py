@@ -7,6 +7,7 @@ from lfd_gym.errors import InvalidArgumentError, is_number
 
 PHYSICS_HZ = 500
 REWARD_TYPES = ("sparse", "dense")
+RENDER_MODES = ("rgb_array", "human")
 
 
 def check(
@@ -14,6 +15,7 @@ def check(
     control_hz: float,
     terminate_on_success: bool,
     fingertip_friction: float | None,
+    render_mode: str | None,
     size: tuple[int, int],
 ) -> None:
     """Raise InvalidArgumentError, with what is possible, for the first argument that lies outside; `size` in pixels."""
@@ -28,6 +30,8 @@ def check(
     most = wam.MAX_FINGERTIP_FRICTION
     if fingertip_friction is not None and not (is_number(fingertip_friction) and 0.0 < fingertip_friction <= most):
         raise InvalidArgumentError(f"fingertip_friction {fingertip_friction!r}; possible: above 0, up to {most}")
+    if render_mode not in (None, *RENDER_MODES):
+        raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: {', '.join(RENDER_MODES)}")
     for name, pixels in zip(("width", "height"), size, strict=True):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
             raise InvalidArgumentError(f"{name} {pixels!r}; it must be a whole number of pixels, 1 or more")

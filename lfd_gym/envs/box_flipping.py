@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lfd_gym import quaternion, wam
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
-from lfd_gym.envs.touch import count_contacts
+from lfd_gym.envs.touch import count_contacts, robot_geoms
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,11 @@ MAX_SKEW = math.radians(5.0)
 EDGE_AXES = np.array([0.5, 0.5, 0.5, 0.5])
 """Quaternion of the edge's axes in those of the upright obstacle: x away from it (world y), y up, z along the edge."""
 TOLERANCE = math.radians(5.0)
+"""Of the flipped box from upright [rad]."""
 CLEARANCE = 0.16
+"""Of the tool from the box's centre when it has withdrawn [m]."""
+REST = (0.02, 0.1)
+"""Largest component of the box's velocity at rest, linear [m/s] and angular [rad/s]."""
 
 
 class BoxFlippingEnv(ManipulationEnv):
@@ -57,7 +61,7 @@ class BoxFlippingEnv(ManipulationEnv):
     scene = "box_flipping.xml"
     tool_offset = (0.0, -0.087, -0.006)
     frames = ("obstacle_edge",)
-    movable = ("box",)
+    pushable = "box"
     subtasks = ("at_obstacle", "tilted", "flipped")
     time_limit = 30.0
     controls = ("x", "y", "z", "yaw", "press")
@@ -80,8 +84,7 @@ class BoxFlippingEnv(ManipulationEnv):
         self._friction = model.pair_friction[:, :2]
         self.vary(self._mass, self._inertia, self._friction)
         self._is_box = model.geom_bodyid == body
-        root = model.body_rootid[model.body("hand/hand").id]
-        self._is_robot = model.body_rootid[model.geom_bodyid] == root
+        self._is_robot = robot_geoms(model)
         self._untouched = True
         self._pose, self._twist = data.joint("box_joint").qpos, data.joint("box_joint").qvel
         self._box, self._box_axes = data.body("box").xpos, data.body("box").xmat.reshape(3, 3)
@@ -102,8 +105,8 @@ class BoxFlippingEnv(ManipulationEnv):
 
     def check_setup(self, setup: Mapping[str, Any]) -> None:
         """The obstacle in its area, the box before it."""
-        self.within("obstacle", setup["obstacle"]["position"], AREA_LOW, AREA_HIGH)
-        self.within("box", setup["box"]["position"], AREA_LOW - 1.0, AREA_HIGH + 1.0)
+        setups.within("obstacle", setup["obstacle"]["position"], AREA_LOW, AREA_HIGH)
+        setups.within("box", setup["box"]["position"], AREA_LOW - 1.0, AREA_HIGH + 1.0)
         yaw, box_yaw = setup["obstacle"]["yaw"], setup["box"]["yaw"]
         setups.in_range("yaw of 'obstacle'", yaw, -MAX_YAW, MAX_YAW)
         setups.in_range("yaw of 'box'", box_yaw, yaw - MAX_SKEW, yaw + MAX_SKEW)
@@ -145,8 +148,8 @@ class BoxFlippingEnv(ManipulationEnv):
         """On its other face, at rest, free, the tool withdrawn."""
         return (
             self._flipped()
-            and float(np.abs(self._twist[:3]).max()) < 0.02
-            and float(np.abs(self._twist[3:]).max()) < 0.1
+            and float(np.abs(self._twist[:3]).max()) < REST[0]
+            and float(np.abs(self._twist[3:]).max()) < REST[1]
             and math.dist(self._tool, self._box) > CLEARANCE
             and self._untouched
         )

@@ -9,8 +9,9 @@ import numpy as np
 from dm_control.utils.rewards import tolerance
 
 from lfd_gym import quaternion, wam
+from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
-from lfd_gym.envs.setups import upright
+from lfd_gym.envs.touch import robot_geoms
 from lfd_gym.errors import InvalidSetupError
 
 AREA_LOW, AREA_HIGH = np.array([0.46, -0.30]), np.array([0.71, 0.30])
@@ -22,6 +23,9 @@ MIN_DISTANCE = 0.16
 SIZE = 0.07
 """Edge of a box [m]."""
 TOLERANCE = 0.02
+"""Of a box from the one below [m]."""
+REST = 0.02
+"""Largest component of a box's velocity at rest [m/s]."""
 
 
 class BoxStackingEnv(ManipulationEnv):
@@ -50,7 +54,7 @@ class BoxStackingEnv(ManipulationEnv):
 
     scene = "box_stacking.xml"
     frames = ("box_yellow", "box_green", "box_red", "box_blue")
-    movable = ("box_green",)
+    pushable = "box_green"
     subtasks = ("green_on_yellow", "red_on_green", "blue_on_red")
     time_limit = 90.0
     layout = wam.action_layout((0.40, -0.35, 0.02), (0.75, 0.35, 0.36))
@@ -65,7 +69,7 @@ class BoxStackingEnv(ManipulationEnv):
         self.vary(self._masses, self._inertias, *self._frictions)
         self._poses, self._twists = [joint.qpos for joint in joints], [joint.qvel for joint in joints]
         self._bodies, self._touched = bodies, np.zeros(4, dtype=bool)
-        self._is_robot = model.body_rootid[model.geom_bodyid] == model.body_rootid[model.body("hand/hand").id]
+        self._is_robot = robot_geoms(model)
         self._tool = data.site("hand/tool").xpos
         self._error_keys = tuple((f"placement_error/{name}", f"yaw_error/{name}") for name in ("green", "red", "blue"))
 
@@ -83,10 +87,8 @@ class BoxStackingEnv(ManipulationEnv):
     def check_setup(self, setup: Mapping[str, Any]) -> None:
         """All in the area, not too near to the robot, and apart."""
         for name in self.frames:
-            self.within(name, setup[name]["position"], AREA_LOW, AREA_HIGH)
-            reach = math.hypot(*setup[name]["position"])
-            if reach < NEAREST - 1e-9:
-                raise InvalidSetupError(f"{name} is {reach:.3f} m from the robot; possible: at least {NEAREST} m")
+            setups.within(name, setup[name]["position"], AREA_LOW, AREA_HIGH)
+            setups.check_reach(name, setup[name]["position"], NEAREST)
         for a, b in combinations(self.frames, 2):
             distance = math.dist(setup[a]["position"], setup[b]["position"])
             if distance < MIN_DISTANCE - 1e-9:
@@ -96,7 +98,7 @@ class BoxStackingEnv(ManipulationEnv):
         """All stand on the table, turned to the equivalent yaw within 45 degrees."""
         for name, pose in zip(self.frames, self._poses, strict=True):
             pose[:2], pose[2] = setup[name]["position"], SIZE / 2.0
-            pose[3:] = upright(nearest_quarter(setup[name]["yaw"]))
+            pose[3:] = setups.upright(nearest_quarter(setup[name]["yaw"]))
 
     def randomise(self, rng: np.random.Generator) -> None:
         """Masses (with their inertias) and frictions."""
@@ -125,7 +127,7 @@ class BoxStackingEnv(ManipulationEnv):
         return (
             all(self._stacked(box) for box in (1, 2, 3))
             and not self._touched.any()
-            and max(float(np.abs(twist[:3]).max()) for twist in self._twists) < 0.02
+            and max(float(np.abs(twist[:3]).max()) for twist in self._twists) < REST
         )
 
     def subtask_flags(self) -> tuple[bool, ...]:

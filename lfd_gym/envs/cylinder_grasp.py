@@ -10,8 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion, wam
+from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
-from lfd_gym.envs.touch import count_contacts
+from lfd_gym.envs.touch import count_contacts, robot_geoms
 from lfd_gym.errors import InvalidSetupError
 
 Array = NDArray[np.float64]
@@ -24,14 +25,15 @@ LENGTHS = (0.08, 0.16, 0.24)
 """[m]."""
 POSTURES = ("standing", "upside down", "lying")
 RADIUS = 0.025
+"""[m]."""
 MASS_PER_LENGTH = 2.5
 """[kg/m]: 0.2, 0.4 and 0.6 kg, heavy enough to slip where the friction is low."""
 LIFTED = 0.10
 """Height of the lowest point over the table [m]."""
 PINCH_SPREAD = math.radians(45.0)
 """From this spread on, a grasp with the fingers 1 and 2 is a pinch."""
-_VISIBLE, _HIDDEN = 1, 5
-"""Geom groups."""
+_HIDDEN = 5
+"""Group of geoms that are not rendered."""
 
 
 class CylinderGraspEnv(ManipulationEnv):
@@ -69,7 +71,7 @@ class CylinderGraspEnv(ManipulationEnv):
     tool_offset = (0.0, -0.005, 0.0)
     frames = ("cylinder", "cylinder_top", "cylinder_bottom")
     features = {"cylinder": ((0.0, 0.0, -math.pi), (0.3, math.pi, math.pi))}  # noqa: RUF012
-    movable = ("cylinder",)
+    pushable = "cylinder"
     subtasks = ("grasped", "lifted", "demonstrated_grasp")
     time_limit = 60.0
     n_hidden = 1
@@ -94,7 +96,7 @@ class CylinderGraspEnv(ManipulationEnv):
         }
         self._is_paint = np.array(["paint" in name for name in names])
         self._is_cylinder = own
-        self._is_robot = model.body_rootid[model.geom_bodyid] == model.body_rootid[model.body("hand/hand").id]
+        self._is_robot = robot_geoms(model)
         self._pose, self._axis = data.joint("cylinder_joint").qpos, data.body("cylinder").xmat.reshape(3, 3)[:, 2]
         self._tool = data.site("hand/tool").xpos
         self._spread = data.joint("hand/finger_1_spread").qpos
@@ -116,10 +118,8 @@ class CylinderGraspEnv(ManipulationEnv):
     def check_setup(self, setup: Mapping[str, Any]) -> None:
         """In the area, not too near to the robot, of a length and in a posture that there is."""
         pose = setup["cylinder"]
-        self.within("cylinder", pose["position"], AREA_LOW, AREA_HIGH)
-        reach = math.hypot(*pose["position"])
-        if reach < NEAREST - 1e-9:
-            raise InvalidSetupError(f"'cylinder' is {reach:.3f} m from the robot; possible: at least {NEAREST} m")
+        setups.within("cylinder", pose["position"], AREA_LOW, AREA_HIGH)
+        setups.check_reach("cylinder", pose["position"], NEAREST)
         if not any(math.isclose(pose["length"], length, rel_tol=1e-6) for length in LENGTHS):
             raise InvalidSetupError(f"length {pose['length']!r}; possible: {', '.join(map(str, LENGTHS))} m")
         if pose["posture"] not in POSTURES:

@@ -10,15 +10,20 @@ from dm_control.utils.rewards import tolerance
 from lfd_gym import wam
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
-from lfd_gym.envs.touch import count_contacts
+from lfd_gym.envs.touch import count_contacts, robot_geoms
 
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.30]), np.array([0.73, 0.30])
 """Where holder and box may stand, x and y [m]."""
 MIN_DISTANCE = 0.20
+"""Between holder and box [m]."""
 SEAT = 0.020
 """Height of the cap's foot when screwed in [m]."""
 BOX_HALF = 0.084
+"""Half the inner width of the box [m]."""
 CLEARANCE = 0.15
+"""Of the tool from the bulb when it has withdrawn [m]."""
+REST = (0.05, 0.5)
+"""Largest component of the bulb's velocity at rest, linear [m/s] and angular [rad/s]: in the box it may still rock."""
 
 
 class LightBulbEnv(ManipulationEnv):
@@ -43,7 +48,7 @@ class LightBulbEnv(ManipulationEnv):
     scene = "light_bulb.xml"
     tool_offset = (0.0, 0.0144, 0.0)
     frames = ("bulb_holder", "box")
-    movable = ("bulb",)
+    pushable = "bulb"
     subtasks = ("grasped", "loose", "lifted", "in_box")
     time_limit = 90.0
     controls = ("x", "y", "z", "yaw", "grip", "press")
@@ -71,8 +76,7 @@ class LightBulbEnv(ManipulationEnv):
         self._box = data.mocap_pos[model.body("box").mocapid[0]]
         self._box_quat = data.mocap_quat[model.body("box").mocapid[0]]
         self._box_frame = data.body("box").xmat
-        roots = model.body_rootid[model.body("hand/hand").id]
-        self._is_robot = model.body_rootid[model.geom_bodyid] == roots
+        self._is_robot = robot_geoms(model)
 
     @property
     def _loose(self) -> bool:
@@ -113,8 +117,8 @@ class LightBulbEnv(ManipulationEnv):
         return (
             self._loose
             and self._in_box()
-            and float(np.abs(self._twist[:3]).max()) < 0.05
-            and float(np.abs(self._twist[3:]).max()) < 0.5
+            and float(np.abs(self._twist[:3]).max()) < REST[0]
+            and float(np.abs(self._twist[3:]).max()) < REST[1]
             and math.dist(self._tool, self._glass) > CLEARANCE
             and self._n_touches == 0
         )

@@ -69,7 +69,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         InvalidArgumentError: an argument lies outside what is possible.
     """
 
-    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 50}  # noqa: RUF012 - Gymnasium's convention
+    metadata = {"render_modes": list(arguments.RENDER_MODES), "render_fps": 50}  # noqa: RUF012 - Gymnasium's convention
 
     scene: ClassVar[str]
     """File of the scene in `assets/`."""
@@ -80,8 +80,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     """Bodies whose poses are tracked, each observed as `frame_<name>`."""
     features: ClassVar[Mapping[str, tuple[ArrayLike, ArrayLike]]] = {}
     """Further observations of the task, which `derive` fills in: {key: (lowest, highest values)}."""
-    movable: ClassVar[tuple[str, ...]] = ()
-    """Bodies that a perturbation may push; the first one is."""
+    pushable: ClassVar[str | None] = None
+    """Body that the perturbation `push_object` pushes."""
     subtasks: ClassVar[tuple[str, ...]]
     """How far the task got, reported as `subtask/<name>`."""
     layout: ClassVar[ActionLayout]
@@ -113,9 +113,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     ) -> None:
         given = (reward_type, control_hz, terminate_on_success, fingertip_friction, perturbation, render_mode)
         EzPickle.__init__(self, *given, width, height, camera)
-        arguments.check(reward_type, control_hz, terminate_on_success, fingertip_friction, (width, height))
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InvalidArgumentError(f"render_mode '{render_mode}'; possible: rgb_array, human")
+        arguments.check(reward_type, control_hz, terminate_on_success, fingertip_friction, render_mode, (width, height))
         self.reward_type, self.terminate_on_success = reward_type, terminate_on_success
         self.render_mode, self._size, self._camera = render_mode, (height, width), camera
         self.action_layout = self.layout
@@ -138,7 +136,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         if fingertip_friction is not None:
             self._set_tips(fingertip_friction, TIPS_FIRST)
         self._tip_contact = self.model.geom_friction[self._tips, 0], self.model.geom_priority[self._tips]
-        self._pushed = [self.model.body(name).id for name in self.movable]
+        self._pushed = None if self.pushable is None else self.data.body(self.pushable).id
         self.robot = Robot(self.model, self.data, self.tool, self.layout, self.frames, self.stiffness)
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
@@ -374,8 +372,6 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         """Register views of model fields that `randomise` changes."""
         self._randomised += fields
 
-    within = staticmethod(setups.within)
-
     def between(self, rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
         """What varies: uniform in a range that a perturbation may have widened about its middle; stays positive."""
         middle, half = 0.5 * (low + high), 0.5 * (high - low) * self.perturbation.variation
@@ -419,8 +415,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         schedule = self._schedule
         arm, thing = schedule.pushes(time)
         self.robot.push(arm)
-        if self._pushed:
-            self.data.xfrc_applied[self._pushed[0], :3] = thing
+        if self._pushed is not None:
+            self.data.xfrc_applied[self._pushed, :3] = thing
         self._set_tips(*((SLIPPERY, TIPS_FIRST) if schedule.slips(time) else self._tip_contact))
 
     def _set_tips(self, friction: ArrayLike, priority: ArrayLike) -> None:

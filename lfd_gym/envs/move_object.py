@@ -15,10 +15,15 @@ from lfd_gym.envs.touch import count_contacts
 AREA_LOW, AREA_HIGH = np.array([0.48, -0.25]), np.array([0.73, 0.25])
 """Where object and target may stand, x and y [m]."""
 MIN_DISTANCE = 0.15
+"""Between object and target [m]."""
 HEIGHT = 0.045
 """Height of the standing object's centre [m]."""
 TOLERANCE = 0.02
+"""Of the object from the target [m]."""
 CLEARANCE = 0.10
+"""Of the tool from the object when it has withdrawn [m]."""
+REST = 0.02
+"""Largest component of the object's velocity at rest [m/s]."""
 CARRIED = 0.04
 """How high it pays to carry the object [m]."""
 
@@ -44,7 +49,7 @@ class MoveObjectEnv(ManipulationEnv):
 
     scene = "move_object.xml"
     frames = ("object", "target")
-    movable = ("object",)
+    pushable = "object"
     subtasks = ("grasped", "at_target", "released")
     time_limit = 30.0
     layout = wam.action_layout((0.43, -0.30, 0.01), (0.78, 0.30, 0.40))
@@ -105,7 +110,7 @@ class MoveObjectEnv(ManipulationEnv):
         return (
             self._off_target() < TOLERANCE
             and self._standing()
-            and float(np.abs(self._twist[:3]).max()) < 0.02
+            and float(np.abs(self._twist[:3]).max()) < REST
             and math.dist(self._tool, self._object) > CLEARANCE
             and self._untouched
         )

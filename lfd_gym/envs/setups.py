@@ -1,5 +1,6 @@
 """Setups: where the objects stand at a reset, as `{object: {"position": [x, y], "yaw": angle, ...}}`."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -101,6 +102,13 @@ def within(name: str, position: ArrayLike, low: ArrayLike, high: ArrayLike) -> N
         raise InvalidSetupError(
             f"'{name}' at {p.tolist()} is out of reach; possible: x from {x0} to {x1}, y from {y0} to {y1} m"
         )
+
+
+def check_reach(name: str, position: Sequence[float], least: float) -> None:
+    """Raise InvalidSetupError where an object stands too near to the axis of the robot's base [m]."""
+    reach = math.hypot(*position)
+    if reach < least - 1e-9:
+        raise InvalidSetupError(f"'{name}' is {reach:.3f} m from the robot; possible: at least {least} m")
 
 
 def in_range(what: str, value: Any, low: float, high: float) -> None:

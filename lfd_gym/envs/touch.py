@@ -1,8 +1,15 @@
 """Which geoms touch which."""
 
+import mujoco
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+
+def robot_geoms(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which geoms belong to the arm and what it carries on its wrist, shape (n_geoms,)."""
+    belongs: NDArray[np.bool_] = model.body_rootid[model.geom_bodyid] == model.body_rootid[model.body("wam_link_7").id]
+    return belongs
 
 
 @njit(cache=True)

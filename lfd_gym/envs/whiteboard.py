@@ -22,7 +22,9 @@ AREA_LOW = {"board_1": np.array([0.545, 0.13]), "board_2": np.array([0.545, -0.3
 AREA_HIGH = {"board_1": np.array([0.695, 0.33]), "board_2": np.array([0.695, -0.13])}
 """Where the boards may stand, x and y of their middles [m]."""
 MAX_YAW = math.radians(30.0)
+"""Of a board [rad]."""
 TILT_LOW, TILT_HIGH = math.radians(35.0), math.radians(50.0)
+"""Of a board from the horizontal [rad]."""
 FACING_ROBOT = np.array([math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5)])
 """Quaternion of a flat board that is written from left to right as the robot sees it: x to its right."""
 FOOT = 0.010
@@ -30,9 +32,11 @@ FOOT = 0.010
 INK_FORCE = 0.5
 """A softer touch leaves no ink [N]."""
 TIP_RADIUS = 0.004
+"""Of the pen [m]."""
 ENOUGH = 0.9
+"""Share of all wanted strokes that must be inked, and of the ink that must lie on them."""
 LEAST = 0.5
-"""Of each word, however short the other one is."""
+"""Share of each word's strokes that must be inked, however short the other word is."""
 LIFTED = 0.10
 """The pen has withdrawn from the boards [m]."""
 
@@ -127,7 +131,7 @@ class WhiteboardEnv(ManipulationEnv):
     def check_setup(self, setup: Mapping[str, Any]) -> None:
         """Each in its area."""
         for name in self.frames:
-            self.within(name, setup[name]["position"], AREA_LOW[name], AREA_HIGH[name])
+            setups.within(name, setup[name]["position"], AREA_LOW[name], AREA_HIGH[name])
             setups.in_range(f"yaw of '{name}'", setup[name]["yaw"], -MAX_YAW, MAX_YAW)
             setups.in_range(f"tilt of '{name}'", setup[name]["tilt"], TILT_LOW, TILT_HIGH)
 

@@ -16,6 +16,7 @@ from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.recording import record
 from lfd_gym.registry import kebab_case
 from policies.decomposition.methods import METHODS
+from policies.decomposition.segmentation import ENTITIES
 from policies.sequence_graph_drawing import COLOURS
 
 TEACHING = {"lfd_gym/BoxFlipping-v0": (5, 1), "lfd_gym/BoxStacking-v0": (3, 1), "lfd_gym/LightBulb-v0": (9, 3)}
@@ -24,7 +25,6 @@ MODES = ("commanded", "kinesthetic")
 QUICK_SEED = 10
 """Teaching seed of quick trials."""
 MEASURES = {"frame": "frame right", "rand": "adjusted Rand index"}
-ENTITIES = ("position", "orientation", "hand")
 
 
 def run(out: Path, quick: bool, jobs: int, seeds: int = 5) -> str:

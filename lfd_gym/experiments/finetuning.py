@@ -19,7 +19,7 @@ from lfd_gym.registry import kebab_case, load
 from policies import LEARNERS, load_skill
 
 GRAPH = ("cma", "es-gradient", "graph-ppo", "residual-sac")
-"""Methods for a sequence graph; (a) has two forms."""
+"""Methods for a sequence graph; the first two search the same parameters."""
 PATH = ("cma", "es-gradient", "residual-sac")
 """Methods for a Mixture of Attractors, which decides nothing."""
 VARIANTS: Mapping[str, Mapping[str, Any]] = {"": {}, "lr-at-once": KINDS["lr, at once"]}

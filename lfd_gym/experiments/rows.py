@@ -14,8 +14,8 @@ from lfd_gym.evaluation import check_fits, evaluate, wilson_interval
 from lfd_gym.paths import written_whole
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
+from lfd_gym.seeds import DEVELOPMENT_SEED, FINAL_SEED
 
-FINAL_SEED, DEVELOPMENT_SEED = 1000, 100000
 """First evaluation seed of the figures that are published, and of quick trials."""
 QUICK_EPISODES = 2
 CHUNK = 5

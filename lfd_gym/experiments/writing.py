@@ -15,14 +15,15 @@ from lfd_gym.alphabet import sample, strokes
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.experiments.figures import save
 from lfd_gym.experiments.learning import demonstrations, teacher
-from lfd_gym.experiments.rows import DEVELOPMENT_SEED, FINAL_SEED, Rows, markdown, rate
+from lfd_gym.experiments.rows import Rows, markdown, rate
 from lfd_gym.ink import HALF_SIZE, SPACING
 from lfd_gym.registry import load
 from lfd_gym.report.figures import GOAL, STYLE
 from lfd_gym.rollout import TeacherPolicy, rollout
+from lfd_gym.seeds import DEVELOPMENT_SEED, FINAL_SEED
 from policies import LEARNERS
-from policies.features import WORLD
 from policies.moa.frames import Frames
+from policies.task_data import WORLD
 
 ENV_ID = "lfd_gym/Whiteboard-v0"
 METHODS = ("moa", "tp-gmm", "var-dmp", "gmr")

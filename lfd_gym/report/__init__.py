@@ -37,9 +37,7 @@ def write_report(
             pictures = _film(folder / VIDEO, evaluation.env_id, skill, seed)
         except RenderingUnavailableError as error:
             notes.append(f"no video: {error}")
-    html = page(
-        recording, skill, evaluation, _figures(recording, skill, evaluation, reproduction, pictures), seed, notes
-    )
+    html = page(recording, evaluation, _figures(recording, skill, evaluation, reproduction, pictures), seed, notes)
     data = evaluation.to_dict() | {
         "demonstrations": [dict(demonstration.seed) for demonstration in recording.demonstrations],
         "discarded": recording.discarded,

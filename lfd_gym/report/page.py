@@ -21,7 +21,6 @@ figure { margin: 1.5rem 0 } figcaption { color: #555 } code { background: #f3f3f
 
 def page(
     recording: Recording,
-    skill: Any,
     evaluation: EvaluationReport,
     figures: Mapping[str, bytes],
     seed: int,

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.extraction import extract
-from policies.decomposition.hidden_markov import forward_backward, viterbi
+from policies.decomposition.hidden_markov import forward_backward, of_least_bic, viterbi
 from policies.decomposition.result import COMPLETE, Decomposition, EntityDecomposition
 from policies.decomposition.runs import from_runs, steps_of
 from policies.decomposition.segment_hmm import padded
-from policies.decomposition.segmentation import ENTITIES
+from policies.decomposition.segmentation import entities
 from policies.decomposition.task_spaces import EntitySegments, TaskSpace, coordinates
 
 Array = NDArray[np.float64]
@@ -50,9 +50,8 @@ class Model(NamedTuple):
 
 def decompose_by_ar_hmm(demonstrations: Sequence[Demonstration], seed: int = 0) -> Decomposition:
     """Every entity."""
-    hand = demonstrations[0].observations.get("hand_position", np.empty((0, 0))).shape[1] > 0
-    entities = ENTITIES if hand else ENTITIES[:2]
-    return Decomposition({entity: _entity(demonstrations, entity, seed) for entity in entities}, "sticky-ar-hmm")
+    found = {entity: _entity(demonstrations, entity, seed) for entity in entities(demonstrations)}
+    return Decomposition(found, "sticky-ar-hmm")
 
 
 def _entity(demonstrations: Sequence[Demonstration], entity: str, seed: int) -> EntityDecomposition:
@@ -63,16 +62,13 @@ def _entity(demonstrations: Sequence[Demonstration], entity: str, seed: int) -> 
     ]
     before, after = np.concatenate([x[:-1] for x in rows]), np.concatenate([x[1:] for x in rows])
     lengths = np.array([len(x) - 1 for x in rows])
-    best, least, worse, k = None, np.inf, 0, 0
-    while worse < PATIENCE and k < MOST:
-        k += 1
+
+    def fit(k: int) -> tuple[Model, float]:
         model = _fit(before, after, lengths, k, FLOOR[entity] ** 2, np.random.default_rng([seed, k]))
         d = before.shape[1]
-        criterion = -2.0 * model.log_likelihood + (k * (d * (d + 2)) + k**2 - 1) * np.log(len(before))
-        worse = 0 if criterion < least else worse + 1
-        if criterion < least:
-            best, least = model, criterion
-    assert best is not None
+        return model, -2.0 * model.log_likelihood + (k * (d * (d + 2)) + k**2 - 1) * float(np.log(len(before)))
+
+    best = of_least_bic(fit, MOST, PATIENCE)
     emission = _log_emission(best, before, after)
     stops = np.cumsum(lengths)
     labels = [

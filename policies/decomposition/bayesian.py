@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.demonstration import Demonstration
-from policies.decomposition.evidence import Evidence
 from policies.decomposition.extraction import extract
 from policies.decomposition.objective import Assignment, Objective
 from policies.decomposition.observed import observe, rigid
 from policies.decomposition.result import Decomposition, EntityDecomposition
 from policies.decomposition.search import search
-from policies.decomposition.segmentation import interrupted
+from policies.decomposition.segmentation import entities, interrupted
 from policies.decomposition.task_spaces import EntitySegments, entity_segments
 
 Array = NDArray[np.float64]
@@ -31,7 +30,7 @@ def decompose(demonstrations: Sequence[Demonstration]) -> Decomposition:
     position = decompose_entity(demonstrations, entity_segments(demonstrations, "position"))
     data = entity_segments(demonstrations, "orientation")
     found = {"position": position, "orientation": decompose_entity(demonstrations, data, _aligned(data, position))}
-    if demonstrations[0].observations.get("hand_position", np.empty((0, 0))).shape[1]:
+    if "hand" in entities(demonstrations):
         found["hand"] = decompose_entity(demonstrations, entity_segments(demonstrations, "hand"))
     return Decomposition(found, "bayesian")
 
@@ -41,8 +40,8 @@ def decompose_entity(
 ) -> EntityDecomposition:
     """One entity; hints (L, F) as in `observe`."""
     observed = observe(data, hints, interrupted(demonstrations, data.entity, data.segments))
-    best, objective, _ = search(observed)
-    posterior = _posterior(objective.evidence, objective, best)
+    best, objective = search(observed)
+    posterior = _posterior(objective, best)
     spaces = np.array([space.number for space in observed.spaces])
     per_space = np.stack([posterior[:, spaces == f].sum(axis=1) for f in range(len(data.spaces))], axis=1)
     if data.entity == "position":
@@ -55,9 +54,9 @@ def decompose_entity(
     return EntityDecomposition(data, primitives, best.primitive, best.kind)
 
 
-def _posterior(evidence: Evidence, objective: Objective, best: Assignment) -> Array:
+def _posterior(objective: Objective, best: Assignment) -> Array:
     """(K, F) probability of every space."""
-    log = evidence.spaces(objective.sets(best))
+    log = objective.evidence.spaces(objective.sets(best))
     weights = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 

@@ -1,15 +1,17 @@
-"""Forward-backward and Viterbi in log space, for several sequences at once (thesis 3.2.2).
+"""Forward-backward and Viterbi in log space, for several sequences at once (thesis 3.2.2); how many states there are.
 
 Sequences of S steps are padded at their end: `lengths` says how long each is.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 Array = NDArray[np.float64]
+Model = TypeVar("Model")
 
 
 class Smoothed(NamedTuple):
@@ -44,6 +46,25 @@ def forward_backward(
     states = np.exp(forward + backward - log_likelihood[:, None, None])
     states *= (np.arange(s) < lengths[:, None])[..., None]
     return Smoothed(float(log_likelihood.sum()), states, pairs)
+
+
+def of_least_bic(fit: Callable[[int], tuple[Model, float]], most: int, patience: int) -> Model:
+    """The model of least BIC with 1, 2, ... states, up to `most` of them.
+
+    Args:
+        fit: model and BIC with so many states.
+        most: states at most.
+        patience: ends when BIC has not improved so many times in a row.
+    """
+    best, least = fit(1)
+    worse, k = 0, 1
+    while worse < patience and k < most:
+        k += 1
+        model, criterion = fit(k)
+        worse = 0 if criterion < least else worse + 1
+        if criterion < least:
+            best, least = model, criterion
+    return best
 
 
 def viterbi(log_emission: Array, log_start: Array, log_transition: Array) -> NDArray[np.int64]:

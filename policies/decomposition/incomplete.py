@@ -10,7 +10,6 @@ and e start and end of a segment, u the direction in which it arrives and m = u 
                     L = |mu - s| and t the progress from s to mu
     accident        log eps_A + log N(e; mu, v) of the pose, whatever the force: log 1/V of the forces; only of a primitive
                     that does not press
-
     loose           log eps_L + log N(e; mu, v + w^2): a movement less careful than the others to the same goal
 
 The forces of all but the third are N(e; mu, v). Of an orientation, mu - e is the rotation vector from the end to the goal.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfd_gym.demonstration import Demonstration, EntityControl, Primitive
 from policies.decomposition.changes import changes, together
 from policies.decomposition.result import Decomposition, EntityDecomposition
+from policies.decomposition.segmentation import ENTITIES
 from policies.decomposition.task_spaces import TaskSpace, coordinates
 from policies.sequence_graph import Segment, segments
 
@@ -24,7 +25,6 @@ COMMON = 3
 """What so many demonstrations have is common."""
 APART = {"position": 0.08, "orientation": 0.5}
 """A label that ends farther than this [m], [rad] from its goal pauses on the way."""
-ENTITIES = ("position", "orientation", "hand")
 
 
 class Row(NamedTuple):

@@ -7,7 +7,7 @@
 3. What was found is polished under the best scales, and the largest J wins.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import combinations, product
 
 import numpy as np
@@ -32,8 +32,8 @@ TRIED = 3
 GAIN = 1e-9
 
 
-def search(observed: Observed, scales: Sequence[Sequence[float]] = SCALES) -> tuple[Assignment, Objective, float]:
-    """The best assignment, the objective under the scales that it was found with, and its J."""
+def search(observed: Observed, scales: Sequence[Sequence[float]] = SCALES) -> tuple[Assignment, Objective]:
+    """The best assignment, and the objective under the scales that it was found with."""
     found = []
     for chosen in product(*scales[: len(observed.groups)]):
         objective = Objective(observed, Evidence(observed, chosen))
@@ -50,7 +50,7 @@ def search(observed: Observed, scales: Sequence[Sequence[float]] = SCALES) -> tu
         value = best[2](polished)
         if value > best[0] + GAIN:
             best = (value, polished, best[2])
-    return best[1], best[2], best[0]
+    return best[1], best[2]
 
 
 def agglomerate(objective: Objective) -> Assignment:
@@ -78,27 +78,26 @@ def agglomerate(objective: Objective) -> Assignment:
 
 def refined(objective: Objective, candidate: Assignment) -> Assignment:
     """Single reassignments, splits and merges of complete segments until nothing gains."""
-    value = objective(candidate)
-    while True:
-        start = value
-        for i in range(len(candidate.primitive)):
-            candidate, value = _reassigned(objective, candidate, value, i, kinds=False)
-        for proposal in (*_splits(objective, candidate), *_merges(candidate)):
-            if len(proposal.primitive) and (new := objective(proposal)) > value + GAIN:
-                candidate, value = proposal, new
-                break
-        if not value > start + GAIN:
-            return candidate
+    return _climb(objective, candidate, False, lambda z: (*_splits(objective, z), *_merges(z)))
 
 
 def ascend(objective: Objective, candidate: Assignment) -> Assignment:
     """Coordinate ascent over primitives and kinds, and block moves, until nothing gains."""
+    return _climb(
+        objective, candidate, True, lambda z: (*_merges(z), *_dissolved(objective, z), *_splits(objective, z))
+    )
+
+
+def _climb(
+    objective: Objective, candidate: Assignment, kinds: bool, moves: Callable[[Assignment], Iterable[Assignment]]
+) -> Assignment:
+    """Changes of single segments, of their kinds too if asked for, and then the first block move that gains."""
     value = objective(candidate)
     while True:
         start = value
         for i in range(len(candidate.primitive)):
-            candidate, value = _reassigned(objective, candidate, value, i, kinds=True)
-        for proposal in (*_merges(candidate), *_dissolved(objective, candidate), *_splits(objective, candidate)):
+            candidate, value = _reassigned(objective, candidate, value, i, kinds)
+        for proposal in moves(candidate):
             if (new := objective(proposal)) > value + GAIN:
                 candidate, value = proposal, new
                 break

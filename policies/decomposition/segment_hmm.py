@@ -22,9 +22,9 @@ from lfd_gym.demonstration import Demonstration
 from policies.decomposition.convergence import Converging, converging
 from policies.decomposition.directional_normal import Expected, e_step, m_step
 from policies.decomposition.extraction import extract
-from policies.decomposition.hidden_markov import Smoothed, forward_backward, viterbi
+from policies.decomposition.hidden_markov import Smoothed, forward_backward, of_least_bic, viterbi
 from policies.decomposition.result import COMPLETE, Decomposition, EntityDecomposition, EntityPrimitive
-from policies.decomposition.segmentation import ENTITIES
+from policies.decomposition.segmentation import entities
 from policies.decomposition.task_spaces import EntitySegments, entity_segments
 
 Array = NDArray[np.float64]
@@ -79,11 +79,10 @@ def decompose_by_segment_hmm(
     demonstrations: Sequence[Demonstration], seed: int = 0, jobs: int = 1, ends_only: bool = False
 ) -> Decomposition:
     """Every entity with the Directional Normal Distribution, or of its ends only."""
-    hand = demonstrations[0].observations.get("hand_position", np.empty((0, 0))).shape[1] > 0
-    found = {}
-    for entity in ENTITIES if hand else ENTITIES[:2]:
-        data = entity_segments(demonstrations, entity)
-        found[entity] = decompose_entity(data, seed, jobs, ends_only)
+    found = {
+        entity: decompose_entity(entity_segments(demonstrations, entity), seed, jobs, ends_only)
+        for entity in entities(demonstrations)
+    }
     return Decomposition(found, "end-point-hmm" if ends_only else "directional-hmm")
 
 
@@ -93,15 +92,12 @@ def decompose_entity(
     """The model of least BIC, and its most likely primitives."""
     points, lengths = converging(data, ends_only), sequence_lengths(data)
     settings = END_POINT if ends_only else DIRECTIONAL
-    best, least, worse, k = None, np.inf, 0, 0
-    while worse < settings.patience and k < len(data.segments):
-        k += 1
+
+    def fitted(k: int) -> tuple[Model, float]:
         model = fit(points, lengths, data.entity, k, settings, seed, jobs)
-        criterion = bic(model, settings.effective * len(data.segments), settings)
-        worse = 0 if criterion < least else worse + 1
-        if criterion < least:
-            best, least = model, criterion
-    assert best is not None
+        return model, bic(model, settings.effective * len(data.segments), settings)
+
+    best = of_least_bic(fitted, len(data.segments), settings.patience)
     return _result(data, points, lengths, best, settings.effective)
 
 

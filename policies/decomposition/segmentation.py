@@ -41,6 +41,12 @@ SETTLING = 0.4
 """A contact change so short [s] after the onset of a motion is part of it; so short before, it is where the movement begins."""
 
 
+def entities(demonstrations: Sequence[Demonstration]) -> tuple[str, ...]:
+    """What there is to be decomposed: all of `ENTITIES`, without the hand where none is observed."""
+    hand = demonstrations[0].observations.get("hand_position", np.empty((0, 0)))
+    return ENTITIES if hand.shape[1] else ENTITIES[:2]
+
+
 class Segment(NamedTuple):
     """A stretch of one demonstration in which an entity made one movement, or rested after a contact change."""
 

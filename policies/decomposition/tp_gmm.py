@@ -15,9 +15,10 @@ from sklearn.mixture import GaussianMixture
 
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.extraction import extract
+from policies.decomposition.hidden_markov import of_least_bic
 from policies.decomposition.result import COMPLETE, Decomposition, EntityDecomposition
 from policies.decomposition.runs import from_runs, steps_of
-from policies.decomposition.segmentation import ENTITIES
+from policies.decomposition.segmentation import entities
 from policies.decomposition.task_spaces import TaskSpace, coordinates
 
 Array = NDArray[np.float64]
@@ -36,9 +37,9 @@ ALIKE = 10.0
 
 def decompose_by_tp_gmm(demonstrations: Sequence[Demonstration], seed: int = 0) -> Decomposition:
     """Every entity."""
-    hand = demonstrations[0].observations.get("hand_position", np.empty((0, 0))).shape[1] > 0
-    entities = ENTITIES if hand else ENTITIES[:2]
-    return Decomposition({entity: _entity(demonstrations, entity, seed) for entity in entities}, "tp-gmm")
+    return Decomposition(
+        {entity: _entity(demonstrations, entity, seed) for entity in entities(demonstrations)}, "tp-gmm"
+    )
 
 
 def _entity(demonstrations: Sequence[Demonstration], entity: str, seed: int) -> EntityDecomposition:
@@ -65,19 +66,15 @@ def _entity(demonstrations: Sequence[Demonstration], entity: str, seed: int) -> 
 
 
 def _fit(rows: Array, floor: float, seed: int) -> GaussianMixture:
-    best, least, worse, k = None, np.inf, 0, 0
-    while worse < PATIENCE and k < min(MOST, len(rows)):
-        k += 1
+    def fit(k: int) -> tuple[GaussianMixture, float]:
         model = GaussianMixture(k, covariance_type="diag", reg_covar=floor, n_init=RESTARTS, random_state=seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
             model.fit(rows)
         n, n_parameters = len(rows) / ALIKE, k * (2 * rows.shape[1] + 1) - 1
-        criterion = -2.0 * n * float(model.score(rows)) + n_parameters * float(np.log(n))
-        worse = 0 if criterion < least else worse + 1
-        if criterion < least:
-            best, least = model, criterion
-    return best
+        return model, -2.0 * n * float(model.score(rows)) + n_parameters * float(np.log(n))
+
+    return of_least_bic(fit, min(MOST, len(rows)), PATIENCE)
 
 
 def _certainty(variances: Array, n_spaces: int) -> Array:

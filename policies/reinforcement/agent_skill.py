@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.view import View
-from policies.consistency import check_network, check_view
-from policies.reinforcement.network import Network
+from policies.consistency import check_view
+from policies.reinforcement.network import Network, check_network
 from policies.skill import Observation, Skill, State
 
 

@@ -19,13 +19,16 @@ from typing import Any
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.evaluation import check_fits
 from lfd_gym.registry import environment_id, look_up, make
+from lfd_gym.seeds import SEEDS_PER_RUN
 from policies.reinforcement import FINETUNERS
-from policies.reinforcement.practice import SEEDS_PER_PRACTICE, Practice, practise, scores
+from policies.reinforcement.practice import Practice, practise, scores
 from policies.reinforcement.settings import checked_kwargs
 from policies.skill import Skill
 
-FEWEST, MOST_CHECKED = 16, 50
-"""Episodes of a practice, and setups of the last check, each done twice."""
+FEWEST = 16
+"""Episodes of a practice."""
+EPISODES_PER_CHECK, MOST_CHECKED = 16, 50
+"""Episodes for which the last check has one setup, which is done twice; and setups at most."""
 
 
 def finetune(
@@ -50,11 +53,11 @@ def finetune(
         check_fits(skill, env)
     if episodes < FEWEST:
         raise InvalidArgumentError(f"{episodes} episodes; at least {FEWEST} are needed")
-    checked = min(MOST_CHECKED, episodes // FEWEST)
+    checked = min(MOST_CHECKED, episodes // EPISODES_PER_CHECK)
     practice = Practice(skill, env_id, kwargs, episodes - 2 * checked, folder, seed, jobs, progress)
     after, facts = method(practice)
     since = time.monotonic()
-    first = practice.first_seed + SEEDS_PER_PRACTICE // 2
+    first = practice.first_seed + SEEDS_PER_RUN // 2
     check = practise([skill, after], env_id, kwargs, range(first, first + checked), jobs)
     before_score, after_score = scores(check).tolist()
     seconds = sum(episode.seconds for row in check for episode in row)
@@ -67,13 +70,5 @@ def finetune(
         "check": [before_score, after_score],
         "kept": bool(after_score >= before_score),
     }
-    return with_facts(after if facts["kept"] else skill, facts)
-
-
-def with_facts(skill: Skill, facts: Mapping[str, Any]) -> Skill:
-    """The skill, whose metadata says how it practised."""
-    values, arrays = skill.to_arrays()
-    metadata = {**skill.metadata, "finetuned": dict(facts)}
-    return type(skill).from_arrays(
-        values, arrays, env_id=skill.env_id, taught_seeds=skill.taught_seeds, metadata=metadata
-    )
+    result = after if facts["kept"] else skill
+    return result.with_facts(metadata={**result.metadata, "finetuned": facts})

@@ -1,4 +1,4 @@
-"""Fine-tuning (b) and (c): residuals that start at zero, on a sequence graph's decisions and on any skill's actions."""
+"""Fine-tuning by reinforcement learning: residuals on a graph's decisions and on any skill's actions, zero to begin with."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -51,8 +51,7 @@ def learn_residual(practice: Practice) -> Practised:
 
     def export(agent: Any, facts: Mapping[str, Any]) -> Skill:
         metadata = {**skill.metadata, "training": dict(facts)}
-        facts_of = {"env_id": skill.env_id, "taught_seeds": skill.taught_seeds, "metadata": metadata}
-        return ResidualSkill(skill, actor_network(agent), view, **facts_of)
+        return ResidualSkill(skill, actor_network(agent), view, **(skill.facts | {"metadata": metadata}))
 
     make = partial(make_agent, RESIDUAL_SAC, quiet=QUIET)
     load_ = partial(load_agent, RESIDUAL_SAC)

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.consistency import check
+
 Array = NDArray[np.float64]
 
 HIDDEN: dict[str, Callable[[Array], Array]] = {"relu": lambda x: np.maximum(x, 0.0), "tanh": np.tanh}
@@ -66,3 +68,16 @@ class Network(NamedTuple):
             tuple(arrays[f"network_{name}{i}"] for i in range(values["layers"])) for name in ("weight", "bias")
         )
         return cls(weights, biases, arrays["network_mean"], arrays["network_scale"], values["hidden"], values["output"])
+
+
+def check_network(network: Network, n_inputs: int, n_outputs: int) -> None:
+    """Raise ValueError unless a network of finite numbers leads from so many inputs to so many outputs."""
+    size = n_inputs
+    for name in ("mean", "scale"):
+        check(getattr(network, name).shape == (n_inputs,), f"network_{name}")
+    for i, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        check(weight.ndim == 2 and weight.shape[1] == size and bias.shape == weight.shape[:1], f"network_weight{i}")
+        size = weight.shape[0]
+    check(size == n_outputs, "network")
+    arrays = (network.mean, network.scale, *network.weights, *network.biases)
+    check(all(np.isfinite(array).all() for array in arrays) and bool((network.scale > 0.0).all()), "network")

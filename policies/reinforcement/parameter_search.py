@@ -1,4 +1,4 @@
-"""Fine-tuning (a): practice of a skill's few parameters, without gradients of the simulation."""
+"""Fine-tuning by `cma` and `es-gradient`: practice of a skill's few parameters, without gradients of the simulation."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Practice: how well a skill does on training setups, and whether what it became is kept."""
+"""Practice: what a method of fine-tuning is given, and how well skills do on the same training setups."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from lfd_gym.registry import make
 from lfd_gym.rollout import rollout
+from lfd_gym.seeds import PRACTICE_SEED, SEEDS_PER_RUN
 from policies.skill import Skill
 
 Array = NDArray[np.float64]
-
-PRACTICE_SEEDS, SEEDS_PER_PRACTICE = 2**35, 2**24
-"""Reset seeds of practice start here; those of the last check are the upper half of a practice's own."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Practice:
     @property
     def first_seed(self) -> int:
         """Reset seed of its first episode."""
-        return PRACTICE_SEEDS + SEEDS_PER_PRACTICE * self.seed
+        return PRACTICE_SEED + SEEDS_PER_RUN * self.seed
 
 
 Practised = tuple[Skill, dict[str, Any]]

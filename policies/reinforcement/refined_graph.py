@@ -15,9 +15,8 @@ from gymnasium.spaces import Box, Discrete
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from policies.consistency import check_network
 from policies.decisions import Decision, VotingDecision
-from policies.reinforcement.network import Network
+from policies.reinforcement.network import Network, check_network
 from policies.sequence_graph_skill import SequenceGraphSkill
 
 Array = NDArray[np.float64]
@@ -26,7 +25,7 @@ LEAST = 5.0
 """Logarithmic probabilities below minus this are drawn nearer: two classes 50 apart are then 17 apart."""
 BOUND = 5.0
 """The residual is r = b tanh(z / b) of the network's output z; it overrules what is less than 2 b apart."""
-DECISION_TIME = 0.2
+CLASS_TIME = 0.2
 """While it is learned, a class that was chosen is kept for this time [s], or for its dwell, which is longer, or until it leads
 to another node."""
 
@@ -84,9 +83,8 @@ class RefinedGraphSkill(SequenceGraphSkill):
     @classmethod
     def of(cls, skill: SequenceGraphSkill, network: Network, metadata: Mapping[str, Any]) -> Self:
         """The skill with a residual."""
-        facts = {"env_id": skill.env_id, "taught_seeds": skill.taught_seeds, "metadata": metadata}
         parts = (skill.graph, skill.primitives, skill.nodes, skill.named, skill.layout, skill.dt)
-        return cls(*parts, network=network, **facts)
+        return cls(*parts, network=network, **(skill.facts | {"metadata": metadata}))
 
     def scores(self, node: int, decision: Decision, features: Array) -> Array:
         """Frozen log-probabilities and residual."""
@@ -131,7 +129,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
     Args:
         env: a manipulation environment.
         skill: the frozen one.
-        hold: control steps; if left out `DECISION_TIME`, or the dwell of the class if that is longer, so that a single action
+        hold: control steps; if left out `CLASS_TIME`, or the dwell of the class if that is longer, so that a single action
             can leave a node.
     """
 
@@ -173,7 +171,7 @@ class GraphDecisions(gymnasium.Wrapper, RecordConstructorArgs):
         if self._hold is not None:
             return self._hold
         dwell = float(self.skill.nodes[node].dwell[action])
-        return max(1, round(DECISION_TIME / self.skill.dt), math.ceil(dwell / self.skill.dt - 1e-9) + 1)
+        return max(1, round(CLASS_TIME / self.skill.dt), math.ceil(dwell / self.skill.dt - 1e-9) + 1)
 
     def _look(self) -> NDArray[np.float32]:
         self._node, features = self.skill.look(self._seen, self._state)

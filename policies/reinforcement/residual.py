@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from lfd_gym.action import ActionLayout
 from lfd_gym.registry import load
 from lfd_gym.view import BOUND, View
-from policies import SKILLS
-from policies.consistency import check_network, check_view
-from policies.reinforcement.network import Network
-from policies.skill import Observation, Skill, State
+from policies.consistency import check_view
+from policies.reinforcement.network import Network, check_network
+from policies.skill import SKILLS, Observation, Skill, State
 
 SHIFT, TURN, GRIP, PRESS = 0.02, 0.1, 0.1, 0.5
 """Largest residual: of a goal [m], about the vertical [rad], of the way from the open to the closed hand, and of the force."""

@@ -60,15 +60,8 @@ class TrainingSettings:
         return rate * min(1.0, (1.0 - done) / self.annealing) if self.annealing else rate
 
 
-SAC: Mapping[str, Any] = {
-    "learning_rate": 3e-4,
-    "batch_size": 256,
-    "buffer_size": 300_000,
-    "learning_starts": 2000,
-    "gradient_steps": 4,
-    "tau": 0.005,
-    "ent_coef": "auto_0.1",
-}
+SAC: Mapping[str, Any] = {"batch_size": 128, "buffer_size": 300_000, "gradient_steps": 8, "tau": 0.005}
+"""What all methods that learn off policy share."""
 PPO: Mapping[str, Any] = {
     "learning_rate": 3e-4,
     "batch_size": 256,
@@ -79,7 +72,7 @@ PPO: Mapping[str, Any] = {
 }
 _OFF_POLICY = TrainingSettings(
     "sac", discount=0.97, n_steps=5, reward_scale=10.0, episode=100, annealing=0.3,
-    hyperparameters={**SAC, "learning_rate": 1e-3, "batch_size": 128, "ent_coef": "auto_0.01", "gradient_steps": 8},
+    hyperparameters={**SAC, "learning_rate": 1e-3, "learning_starts": 2000, "ent_coef": "auto_0.01"},
 )  # fmt: skip
 _SHOWN = replace(
     _OFF_POLICY, demonstrations=True, demonstrated_batch=0.25, demonstrated_starts=0.25, cloning=1.0,
@@ -94,7 +87,7 @@ GRAPH_PPO = TrainingSettings(
 """Of a sequence graph's decisions, at least 0.2 s each; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
     "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
-    hyperparameters={**SAC, "learning_starts": 100, "batch_size": 128, "ent_coef": "auto_0.001", "gradient_steps": 8},
+    hyperparameters={**SAC, "learning_rate": 3e-4, "learning_starts": 100, "ent_coef": "auto_0.001"},
 )  # fmt: skip
 """Of a residual around a skill, likewise."""
 

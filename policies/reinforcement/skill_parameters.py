@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.errors import InvalidArgumentError
-from policies.features import CONTROLLED
-from policies.moa_skill import MoASkill
 from policies.path_generators import AttractorPath
+from policies.path_skill import PathSkill
 from policies.sequence_graph_skill import SequenceGraphSkill
 from policies.skill import Skill
+from policies.task_data import CONTROLLED
 from policies.task_space import CYLINDRICAL
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def parameters_of(skill: Skill) -> Parameters:
     """The parameters of a skill; InvalidArgumentError for one that has none."""
     if isinstance(skill, SequenceGraphSkill):
         return _goal_offsets(skill)
-    if isinstance(skill, MoASkill) and isinstance(skill.generator, AttractorPath):
+    if isinstance(skill, PathSkill) and isinstance(skill.generator, AttractorPath):
         return _activations(skill, skill.generator)
     raise InvalidArgumentError(
         f"a skill of kind '{skill.kind}' has no goals or activations to practise; possible: sequence-graph, moa"
@@ -64,10 +64,8 @@ def _goal_offsets(skill: SequenceGraphSkill) -> Parameters:
         goal = skill.primitives.goal.copy()
         for value, (rows, i, unit) in zip(x, places, strict=True):
             goal[rows, i] += unit * value
-        primitives = skill.primitives._replace(goal=goal)
         values, arrays = skill.to_arrays()
-        facts = {"env_id": skill.env_id, "taught_seeds": skill.taught_seeds, "metadata": skill.metadata}
-        return type(skill).from_arrays(values, arrays | {"goal": primitives.goal}, **facts)
+        return type(skill).from_arrays(values, arrays | {"goal": goal}, **skill.facts)
 
     return Parameters(len(places), applied)
 
@@ -76,7 +74,7 @@ def _unit(space: int, coordinate: int) -> float:
     return TURN if space == CYLINDRICAL and coordinate == 1 else SHIFT
 
 
-def _activations(skill: MoASkill, path: AttractorPath) -> Parameters:
+def _activations(skill: PathSkill, path: AttractorPath) -> Parameters:
     """Adding u_f to the logits of all attractors of frame f turns activations a into a_f exp(u_f) / sum_g a_g exp(u_g).
 
     The world's logits stay, since adding a number to all changes nothing.
@@ -88,9 +86,9 @@ def _activations(skill: MoASkill, path: AttractorPath) -> Parameters:
     def applied(x: Array) -> Skill:
         fine = FINE * x
         logits, offsets = fine[:n_logits].reshape(n_knots, n_frames - 1), fine[n_logits:].reshape(n_frames, d)
-        return MoASkill(
+        return PathSkill(
             shifted(path, LOGIT * logits, SHIFT * offsets), skill.frames, skill.press, skill.orientation, skill.hand,
-            skill.layout, skill.dt, env_id=skill.env_id, taught_seeds=skill.taught_seeds, metadata=skill.metadata,
+            skill.layout, skill.dt, **skill.facts,
         )  # fmt: skip
 
     return Parameters(n_logits + n_frames * d, applied)
@@ -98,7 +96,7 @@ def _activations(skill: MoASkill, path: AttractorPath) -> Parameters:
 
 def shifted(path: AttractorPath, logits: Array, offsets: Array) -> AttractorPath:
     """A path with logits (K, F - 1) at equally spaced knots added to its frames but the first, and offsets (F, d) [m]."""
-    n, n_frames = path.activations.shape
+    n = len(path.activations)
     time, knots = np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, len(logits))
     added = np.stack([np.zeros(n), *(np.interp(time, knots, column) for column in logits.T)], axis=1)
     weighed = np.exp(added - added.max(axis=1, keepdims=True))
@@ -106,5 +104,4 @@ def shifted(path: AttractorPath, logits: Array, offsets: Array) -> AttractorPath
     share = weighed / total
     activations = path.activations * share
     places = path.places * share[..., None] + activations[..., None] * offsets
-    assert activations.shape == (n, n_frames)
     return path._replace(activations=activations, places=places)

@@ -23,6 +23,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
+from lfd_gym.seeds import DEVELOPMENT_SEED, SEEDS_PER_RUN, TRAINING_SEED
 from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
@@ -35,10 +36,6 @@ from policies.reinforcement.settings import DECIDED, TrainingSettings, checked_k
 from policies.reinforcement.simulation_clock import SimulationClock
 from policies.skill import Skill
 
-TRAINING_SEEDS, SEEDS_PER_TRAINING = 2**34, 2**24
-"""Reset seeds of training start here, far from those of evaluation and teaching."""
-DEVELOPMENT_SEED = 100000
-"""First evaluation seed of the curves."""
 CHUNK = 1000
 """Decisions between two movements of the progress bar, about."""
 
@@ -170,8 +167,8 @@ def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any
         raise InvalidArgumentError(
             f"'{folder}' has made {state['decisions']} decisions; ask for as many, or choose another --out"
         )
-    simulated, stride = state["simulated_seconds"], SEEDS_PER_TRAINING // settings.n_envs
-    first = [TRAINING_SEEDS + SEEDS_PER_TRAINING * task.seed + i * stride for i in range(settings.n_envs)]
+    simulated, stride = state["simulated_seconds"], SEEDS_PER_RUN // settings.n_envs
+    first = [TRAINING_SEED + SEEDS_PER_RUN * task.seed + i * stride for i in range(settings.n_envs)]
     episodes = [SeededEpisodes(task.env(), a + begun) for a, begun in zip(first, state["episodes"], strict=True)]
     envs = DummyVecEnv([partial(_monitored, env, settings.reward_scale) for env in episodes])
     agent = _agent(task, kept.latest(), envs, (task.seed + state["decisions"]) % 2**32)

@@ -14,7 +14,7 @@ from lfd_gym.action import ActionLayout
 from policies.arguments import check_flag, check_number
 from policies.moa.frames import Frames, resample
 from policies.moa.support_points import interpolation
-from policies.moa_learner import LARGEST, TrajectoryLearner
+from policies.trajectory_learner import LARGEST, TrajectoryLearner
 
 Array = NDArray[np.float64]
 

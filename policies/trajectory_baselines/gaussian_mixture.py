@@ -12,8 +12,8 @@ from lfd_gym.errors import DemonstrationError
 from policies.arguments import check_count, check_number
 from policies.moa.checks import checked
 from policies.moa.frames import AT_REST, Frames, resample
-from policies.moa_learner import TrajectoryLearner
 from policies.trajectory_baselines.task_mixture import fit_task_mixture
+from policies.trajectory_learner import TrajectoryLearner
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from policies.arguments import check_number
 from policies.moa.frames import Frames, resample
 from policies.moa.mixture_of_attractors import POSSIBLE
 from policies.moa.support_points import interpolation
-from policies.moa_learner import LARGEST, TrajectoryLearner
+from policies.trajectory_learner import LARGEST, TrajectoryLearner
 
 Array = NDArray[np.float64]
 

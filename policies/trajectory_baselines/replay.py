@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
 from policies.moa.frames import Frames, resample
-from policies.moa_learner import TrajectoryLearner
+from policies.trajectory_learner import TrajectoryLearner
 
 Array = NDArray[np.float64]
 

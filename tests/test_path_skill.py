@@ -13,8 +13,8 @@ from lfd_gym.errors import DemonstrationError, SkillFileError
 from policies import load_skill
 from policies.moa.frames import Frames
 from policies.moa_learner import MoALearner
-from policies.moa_skill import PATIENCE, Memory, MoASkill
 from policies.orientation_schedule import cheapest_sequence, learn_orientations
+from policies.path_skill import PATIENCE, Memory, PathSkill
 from policies.press_schedule import learn_presses
 from policies.trajectory_baselines.dynamic_movement_primitives import DMPLearner, VarDMPLearner
 from policies.trajectory_baselines.gaussian_mixture import GMRLearner, TPGMMLearner
@@ -291,13 +291,13 @@ def test_every_array_of_a_path_has_the_size_of_the_others(learner, taught):
     skill = learner.fit(taught[:2]).skill_
     values, arrays = skill.to_arrays()
     facts = {"env_id": skill.env_id, "taught_seeds": (), "metadata": {}}
-    MoASkill.from_arrays(values, arrays, **facts)
+    PathSkill.from_arrays(values, arrays, **facts)
     for name in (key for key in arrays if key.startswith("path_")):
         wrong = [arrays[name][..., None], *(np.repeat(arrays[name], 3, axis) for axis in range(arrays[name].ndim))]
         wrong += [arrays[name] + 99, -1 - arrays[name]] if name in ("path_start", "path_frame") else []
         for array in wrong:
             with pytest.raises(ValueError, match="does not fit the rest"):
-                MoASkill.from_arrays(values, arrays | {name: array}, **facts)
+                PathSkill.from_arrays(values, arrays | {name: array}, **facts)
 
 
 def test_bad_demonstrations_are_refused(taught):

@@ -10,12 +10,12 @@ from lfd_gym import attractor, quaternion
 from lfd_gym.action import ActionLayout
 from lfd_gym.registry import load
 from policies.consistency import SCHEDULE_SHAPES, check_path
-from policies.features import WORLD
 from policies.moa.frames import Frames
 from policies.orientation_schedule import OrientationSchedule
 from policies.path_generators import Generator
 from policies.press_schedule import YIELDS, PressSchedule
 from policies.skill import Observation, Skill, State
+from policies.task_data import WORLD
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Memory(NamedTuple):
     """(n, F, 7) poses of the frames at the first observation."""
 
 
-class MoASkill(Skill):
+class PathSkill(Skill):
     """Follows a path over time (thesis 4.4.2), and presses and turns by schedules.
 
     The goal of step i makes the controller's attractor follow the path x exactly, g_i = x_i + (x_i'' / alpha + x_i') / beta.
@@ -59,7 +59,7 @@ class MoASkill(Skill):
     where the tool has moved along it from its place by more than `YIELDS`: no wall is there.
     """
 
-    kind: ClassVar[str] = "moa"
+    kind: ClassVar[str] = "path"
 
     def __init__(
         self,
