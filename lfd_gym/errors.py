@@ -5,6 +5,7 @@ builtin that a caller would expect.
 """
 
 import difflib
+import math
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
@@ -68,6 +69,14 @@ class MissingExtraError(LfdGymError, ImportError):
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
         """Pickle the three arguments."""
         return type(self), self.arguments
+
+
+def is_finite(value: Any) -> bool:
+    """Whether a user gave a number that a float can hold."""
+    try:
+        return is_number(value) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 def is_number(value: Any) -> bool:

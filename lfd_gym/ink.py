@@ -4,7 +4,8 @@ A board's surface is divided into square cells; a cell is inked or not, so that 
 it. With T the points along the wanted strokes and C the centres of the inked cells,
 
     coverage  = |{t in T: some c in C is within the tolerance of t}| / |T|
-    precision = |{c in C: some t in T is within the tolerance of c}| / |C|,   0 without ink.
+    precision = |{c in C: some t in T is within the tolerance of c}| / |C|,   0 without ink
+    faintest  = the least coverage of a single stroke: 0 where one is missing.
 """
 
 import math
@@ -45,6 +46,8 @@ class Tally(NamedTuple):
     """Inked cells near a wanted stroke."""
     inked: int
     """Inked cells."""
+    faintest: float
+    """Fraction that is inked of the stroke of which least is."""
 
     @property
     def coverage(self) -> float:
@@ -59,8 +62,9 @@ class Tally(NamedTuple):
     def __add__(self, other: "Tally") -> "Tally":  # type: ignore[override]
         """Two boards together."""
         return Tally(
-            self.covered + other.covered, self.wanted + other.wanted, self.good + other.good, self.inked + other.inked
-        )
+            self.covered + other.covered, self.wanted + other.wanted, self.good + other.good, self.inked + other.inked,
+            min(self.faintest, other.faintest),
+        )  # fmt: skip
 
 
 class Ink:
@@ -73,7 +77,8 @@ class Ink:
 
     def __init__(self, strokes: list[Array], memory: Array) -> None:
         self.memory = memory
-        wanted = np.concatenate([sample(stroke, SPACING) for stroke in strokes])
+        points_of = [sample(stroke, SPACING) for stroke in strokes]
+        wanted, sizes = np.concatenate(points_of), np.array([len(points) for points in points_of])
         reach = np.arange(-math.ceil(TOLERANCE / CELL), math.ceil(TOLERANCE / CELL) + 1)
         offsets = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
         places = np.floor((wanted + HALF_SIZE) / CELL).astype(np.int64)[:, None] + offsets
@@ -86,7 +91,8 @@ class Ink:
         read, covered = np.zeros(WORDS), np.zeros(len(wanted), dtype=bool)
         self._read = bound(_read_ink, memory, read, covered, starts, points)
         read[:], covered[:] = 0.0, False
-        self._tally = Tally(0, len(wanted), 0, 0)
+        self._tally = Tally(0, len(wanted), 0, 0, 0.0)
+        self._covered, self._sizes, self._begins = covered, sizes, np.cumsum(sizes) - sizes
 
     def mark(self, x: float, y: float) -> None:
         """Touch the board at a point in its axes [m]; beside the board nothing is left."""
@@ -96,8 +102,9 @@ class Ink:
         """Compare what is written with what was wanted."""
         covered, good, inked = self._read()
         if covered or good or inked:
-            t = self._tally
-            self._tally = Tally(t.covered + covered, t.wanted, t.good + good, t.inked + inked)
+            t, of_strokes = self._tally, np.add.reduceat(self._covered, self._begins, dtype=np.int64)
+            faintest = float((of_strokes / self._sizes).min())
+            self._tally = Tally(t.covered + covered, t.wanted, t.good + good, t.inked + inked, faintest)
         return self._tally
 
     def points(self) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym import quaternion
-from lfd_gym.errors import InvalidArgumentError, UnknownNameError, is_number
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError, is_finite
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Perturbation:
         """Raise InvalidArgumentError for a strength that is negative or not finite."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if not is_number(value) or not math.isfinite(value) or value < 0.0:
+            if not is_finite(value) or value < 0.0:
                 raise InvalidArgumentError(f"perturbation {field.name}={value!r}; possible: 0 and above")
 
     @classmethod
@@ -79,6 +79,15 @@ class Schedule:
         self.misplaces = any((perturbation.tracking_position, perturbation.tracking_rotation))
         self.misreads = any((perturbation.wrench_noise, perturbation.wrench_bias))
         self.acts = any((perturbation.push_arm, perturbation.push_object, perturbation.slip))
+
+    def check(self, dt: float) -> None:
+        """Raise InvalidArgumentError where a push or a slip is shorter than a control step [s]: it might never be seen."""
+        p = self.perturbation
+        lasting = [PUSH_TIME] * any((p.push_arm, p.push_object)) + [p.slip] * (p.slip > 0.0)
+        if lasting and dt > min(lasting) + 1e-9:
+            raise InvalidArgumentError(
+                f"control_hz {1.0 / dt:g}; what lasts {min(lasting):g} s needs {1.0 / min(lasting):g} or more"
+            )
 
     def draw(self, rng: np.random.Generator) -> None:
         """Begin an episode; the number of draws does not depend on the strengths."""

@@ -167,7 +167,7 @@ class Robot:
         ):
             memory[f"guide_{name}"] = part
 
-    def push(self, force: Array) -> None:
+    def push(self, force: ArrayLike) -> None:
         """A force (3,) of the world on the wrist, world frame [N]."""
         self.data.xfrc_applied[self._pushed_link, :3] = force
 

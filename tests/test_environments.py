@@ -188,7 +188,7 @@ def test_the_step_follows_the_control_rate(env: Any) -> None:
 @pytest.mark.parametrize("hz", [10.0, 50.0])
 def test_success_must_hold_for_a_second_without_interruption(env: Any, hz: float) -> None:
     world, second = make(env.spec.id, control_hz=hz), round(hz)
-    shown = [True] * (second - 1) + [False] + [True] * second
+    shown = [True] * second + [False] + [True] * (second + 1)
     world.succeeded = lambda: True
     assert not world.reset(seed=1)[1]["is_success"]
     found = []
@@ -196,9 +196,20 @@ def test_success_must_hold_for_a_second_without_interruption(env: Any, hz: float
         world.succeeded = lambda done=done: done
         _, reward, terminated, _, info = world.step(action)
         found.append((info["is_success"], terminated, reward))
-    assert found == [(False, False, 0.0)] * (2 * second - 1) + [(True, True, 1.0)]
+    assert found == [(False, False, 0.0)] * (2 * second + 1) + [(True, True, 1.0)]
     world.reset(seed=1)
     assert not world.step(action)[-1]["is_success"]
+
+
+def test_a_moment_is_no_second_and_a_broken_simulation_no_success(env: Any) -> None:
+    world = make(env.spec.id, control_hz=1.0)
+    world.reset(seed=1)
+    world.succeeded = lambda: True
+    action = np.zeros(world.action_space.shape, np.float32)
+    assert not world.step(action)[-1]["is_success"]
+    world.data.qvel[0] = np.nan
+    _, reward, terminated, _, info = world.step(action)
+    assert (info["broken"], info["is_success"], terminated, reward) == (True, False, True, 0.0)
 
 
 # copies and vectors

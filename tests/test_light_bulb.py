@@ -48,6 +48,7 @@ class Bulb:
     def step(self, n: int = 1) -> None:
         for _ in range(n):
             mujoco.mj_step(self.env.model, self.data)
+            self.env.watch()
             self.env.after_physics()
 
 
@@ -119,6 +120,22 @@ def test_after_its_last_turn_the_bulb_is_free() -> None:
     bulb.step(150)
     assert bulb.height - bulb.start > 0.03
     assert bulb.env.subtask_flags()[1]
+
+
+def test_the_thread_ends_at_the_same_turn_at_every_control_rate() -> None:
+    ends = []
+    for hz in (5.0, 50.0):
+        env = LightBulbEnv(control_hz=hz)
+        observation, _ = env.reset(seed=1)
+        env._hidden[0] = 2.0 * math.pi
+        env.data.xfrc_applied[env.model.body("bulb").id, 5] = 0.3
+        hand = observation["hand_position"]
+        still = env.layout.encode(observation["tool_position"], observation["tool_quaternion"], hand=hand)
+        for _ in range(round(3.0 * hz)):
+            env.step(still)
+        assert env._loose
+        ends.append(env.data.joint("nut_turn").qpos[0])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
 def test_a_loose_bulb_that_is_let_go_falls_back() -> None:

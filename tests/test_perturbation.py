@@ -149,9 +149,26 @@ def test_a_contact_that_a_biased_sensor_makes_up_takes_the_tool_nowhere_fast() -
     assert max(speeds) < 1.2 * layout.speed_limit
 
 
-def test_pushes_need_five_decisions_per_second() -> None:
-    with pytest.raises(InvalidArgumentError, match="pushes and slips need 5 or more"):
-        make("move-object", perturbation={"push_arm": 20.0}, control_hz=4.0)
+@pytest.mark.parametrize(
+    ("strength", "hz", "message"),
+    [({"push_arm": 20.0}, 4.0, "0.2 s needs 5 or more"), ({"slip": 0.1}, 5.0, "0.1 s needs 10 or more")],
+)
+def test_what_is_shorter_than_a_control_step_is_refused(strength, hz, message) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        make("move-object", perturbation=strength, control_hz=hz)
+
+
+def test_a_state_from_the_middle_of_a_push_does_not_push_for_ever() -> None:
+    pushed_env, plain = make("move-object", perturbation={"push_arm": 20.0, "push_object": 3.0}), make("move-object")
+    plain.reset(seed=SEED)
+    observation, _ = pushed_env.reset(seed=SEED)
+    still = pushed_env.unwrapped.action_layout.encode(
+        observation["tool_position"], observation["tool_quaternion"], hand=observation["hand_position"]
+    )
+    while not pushed_env.unwrapped.data.xfrc_applied.any():
+        pushed_env.step(still)
+    plain.unwrapped.set_state(pushed_env.unwrapped.get_state())
+    assert not plain.unwrapped.data.xfrc_applied.any()
 
 
 def test_a_push_moves_the_arm_while_it_lasts_and_only_then() -> None:

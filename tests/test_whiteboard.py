@@ -212,6 +212,20 @@ def test_a_copy_is_asked_for_the_same_words():
     assert (twin.words, twin.dt) == (("AB", "C"), 0.04)
 
 
+def test_every_single_stroke_has_to_be_there(env):
+    strokes = [(board, stroke) for board, word in enumerate(alphabet.two_words(env.words)) for stroke in word]
+    elsewhere_enough = []
+    for missing in range(-1, len(strokes)):
+        env.reset(seed=SEED)
+        for i, (board, stroke) in enumerate(strokes):
+            for point in alphabet.sample(stroke, ink.SPACING) if i != missing else ():
+                env.boards[board].mark(*point)
+        env.after_physics()
+        assert env.succeeded() == (missing < 0)
+        elsewhere_enough.append(min(env.measures().values()) >= 0.9)
+    assert sum(elsewhere_enough) > 3
+
+
 def test_a_long_word_does_not_make_up_for_one_that_is_not_there():
     env = WhiteboardEnv(words=("BBBB", "I"))
     env.reset(seed=SEED)

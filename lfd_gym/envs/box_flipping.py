@@ -109,6 +109,7 @@ class BoxFlippingEnv(ManipulationEnv):
         setups.within("box", setup["box"]["position"], AREA_LOW - 1.0, AREA_HIGH + 1.0)
         yaw, box_yaw = setup["obstacle"]["yaw"], setup["box"]["yaw"]
         setups.in_range("yaw of 'obstacle'", yaw, -MAX_YAW, MAX_YAW)
+        setups.in_range("yaw of 'box'", box_yaw, -MAX_YAW - MAX_SKEW, MAX_YAW + MAX_SKEW)
         setups.in_range("yaw of 'box'", box_yaw, yaw - MAX_SKEW, yaw + MAX_SKEW)
         along, away = _before(setup)
         setups.in_range("gap between 'obstacle' and 'box'", away - BOX_HALF[1], GAP_LOW, GAP_HIGH)
@@ -173,9 +174,9 @@ class BoxFlippingEnv(ManipulationEnv):
         return float(0.2 * reach + 0.2 * push + 0.4 * turn)
 
 
-def _before(setup: Mapping[str, Any]) -> Array:
-    """Where the box is from the middle of the edge: along it and away from it, shape (2,) [m]."""
+def _before(setup: Mapping[str, Any]) -> tuple[float, float]:
+    """Where the box is from the middle of the edge: along it and away from it [m]."""
     yaw = setup["obstacle"]["yaw"]
-    offset = np.subtract(setup["box"]["position"], setup["obstacle"]["position"])
+    x, y = np.subtract(setup["box"]["position"], setup["obstacle"]["position"]).tolist()
     c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([c * offset[0] + s * offset[1], c * offset[1] - s * offset[0]])
+    return c * x + s * y, c * y - s * x

@@ -77,6 +77,7 @@ class LightBulbEnv(ManipulationEnv):
         self._box_quat = data.mocap_quat[model.body("box").mocapid[0]]
         self._box_frame = data.body("box").xmat
         self._is_robot = robot_geoms(model)
+        self.watch = self._end_thread
 
     @property
     def _loose(self) -> bool:
@@ -102,10 +103,13 @@ class LightBulbEnv(ManipulationEnv):
         self._hidden[0] = 2.0 * math.pi * rng.uniform(1.0, 2.0)
         self._thread_friction[0] = self.between(rng, 0.06, 0.12)
 
-    def after_physics(self) -> None:
-        """The thread ends: the bulb is free. Counts the robot's contacts with the bulb."""
-        if self._turn[0] > self._hidden[0] and not self._loose:
+    def _end_thread(self) -> None:
+        """Free the bulb where its thread ends."""
+        if self._turn[0] > self._hidden[0]:
             self.data.eq_active[self._weld] = 0
+
+    def after_physics(self) -> None:
+        """Count the robot's contacts with the bulb."""
         self._n_touches = count_contacts(self.data.contact.geom, self._is_bulb, self._is_robot)
 
     def _in_box(self) -> bool:

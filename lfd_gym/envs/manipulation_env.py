@@ -15,8 +15,8 @@ from lfd_gym import random_state, wam
 from lfd_gym.action import ActionLayout
 from lfd_gym.envs import arguments, measured, setups
 from lfd_gym.envs.arguments import PHYSICS_HZ
-from lfd_gym.errors import InvalidArgumentError, InvalidSetupError, UnknownNameError
-from lfd_gym.perturbation import PUSH_TIME, SLIPPERY, Perturbation, Schedule
+from lfd_gym.errors import InvalidArgumentError, UnknownNameError
+from lfd_gym.perturbation import SLIPPERY, Perturbation, Schedule
 from lfd_gym.robot import Robot
 
 Array = NDArray[np.float64]
@@ -123,8 +123,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
 
         self.perturbation = Perturbation.of(perturbation)
         self._schedule = Schedule(self.perturbation, len(self.frames))
-        if self._schedule.acts and self.dt > PUSH_TIME + 1e-9:
-            raise InvalidArgumentError(f"control_hz {control_hz!r}; pushes and slips need {1.0 / PUSH_TIME:g} or more")
+        self._schedule.check(self.dt)
         spec = wam.scene_spec(self.scene, self.tool, self.tool_offset)
         self.model = spec.compile()
         cameras = [self.model.camera(i).name for i in range(self.model.ncam)]
@@ -143,7 +142,8 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._hidden = np.zeros(self.n_hidden)
         self._broken = False
         self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
-        self._held = 0.0
+        self._held = -self.dt
+        """Since when the predicate holds [s]; one step below zero while it does not."""
         self._setup: dict[str, Any] = {}
         self._build_spaces()
         self.build()
@@ -216,7 +216,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         wanted, rng = (options or {}).get("setup"), self.np_random
         try:
             self._setup = setups.complete(wanted, lambda: self.sample_setup(rng), self.check_setup)
-        except InvalidSetupError:
+        except BaseException:
             self._np_random, self._np_random_seed = before
             raise
         mujoco.mj_resetData(self.model, self.data)
@@ -233,7 +233,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.robot.reset()
         if self._schedule.misreads:
             self.robot.sensor_error[:] = self._schedule.misreading(rng)
-        self._held = 0.0
+        self._held = -self.dt
         self.after_physics()
         observation = self._observe()
         if self.render_mode == "human":
@@ -257,7 +257,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self.after_physics()
         observation = self._observe()
         holds = self.succeeded()
-        self._held = self._held + self.dt if holds else 0.0
+        self._held = self._held + self.dt if holds else -self.dt
         info = self._info(holds)
         terminated = info["broken"] or (self.terminate_on_success and info["is_success"])
         reward = self._reward(info["is_success"])
@@ -356,6 +356,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
             mujoco.mj_setConst(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, physics, _STATE)
         self._schedule.state[:] = schedule
+        self._push(0.0, 0.0)
         if self._schedule.acts:
             self._perturb(self.data.time - self.dt)
         mujoco.mj_step1(self.model, self.data)
@@ -413,11 +414,14 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
     def _perturb(self, time: float) -> None:
         """Push the arm and an object, make the fingertips slippery, as scheduled for a control step that begins then [s]."""
         schedule = self._schedule
-        arm, thing = schedule.pushes(time)
+        self._push(*schedule.pushes(time))
+        self._set_tips(*((SLIPPERY, TIPS_FIRST) if schedule.slips(time) else self._tip_contact))
+
+    def _push(self, arm: ArrayLike, thing: ArrayLike) -> None:
+        """Forces (3,) on the arm and on the object that may be pushed, world frame [N]."""
         self.robot.push(arm)
         if self._pushed is not None:
             self.data.xfrc_applied[self._pushed, :3] = thing
-        self._set_tips(*((SLIPPERY, TIPS_FIRST) if schedule.slips(time) else self._tip_contact))
 
     def _set_tips(self, friction: ArrayLike, priority: ArrayLike) -> None:
         """Friction of the fingertips; it acts where nothing that they touch has a higher priority or, with equal, more."""
@@ -430,7 +434,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         return 0.95 * self.progress()
 
     def _info(self, holds: bool) -> dict[str, Any]:
-        success = bool(holds) and self._held >= HOLD_TIME - 1e-9
+        success = bool(holds) and not self._broken and self._held >= HOLD_TIME - 1e-9
         info: dict[str, Any] = {"is_success": success, "success": success, "broken": self._broken}
         info.update(zip(self._subtask_keys, map(bool, self.subtask_flags()), strict=True))
         info.update(self.measures())

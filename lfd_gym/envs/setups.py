@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfd_gym import quaternion
-from lfd_gym.errors import InvalidSetupError, is_number
+from lfd_gym.errors import InvalidSetupError, is_finite
 
 ATTEMPTS = 1000
 """How often the objects that are not named are drawn anew around those that are."""
@@ -40,7 +40,7 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
         if unknown:
             raise InvalidSetupError(f"'{min(map(str, unknown))}' of '{name}'; possible: {', '.join(fresh[name])}")
         for key, value in pose.items():
-            if isinstance(fresh[name][key], float) and not (is_number(value) and np.isfinite(value)):
+            if isinstance(fresh[name][key], float) and not is_finite(value):
                 raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a finite number")
             if isinstance(fresh[name][key], str) and not isinstance(value, str):
                 raise InvalidSetupError(f"{key} {value!r} of '{name}'; expected a text such as '{fresh[name][key]}'")
@@ -59,8 +59,9 @@ def complete(wanted: Any, sample: Callable[[], Setup], check: Callable[[Setup], 
             continue
         return setup
     fault, times = faults.most_common(1)[0]
-    # what is wrong with the named objects themselves is wrong again and again
-    raise InvalidSetupError(fault if times > 1 else f"no room for what the setup does not name: for example, {fault}")
+    # what is wrong with the named objects themselves is wrong nearly always
+    own = times > 0.1 * ATTEMPTS
+    raise InvalidSetupError(fault if own else f"no room for what the setup does not name: for example, {fault}")
 
 
 def apart(
@@ -113,12 +114,14 @@ def check_reach(name: str, position: Sequence[float], least: float) -> None:
 
 def in_range(what: str, value: Any, low: float, high: float) -> None:
     """Raise InvalidSetupError where a number lies outside its range."""
-    if not is_number(value) or not low - 1e-9 <= value <= high + 1e-9:
+    if not is_finite(value) or not low - 1e-9 <= value <= high + 1e-9:
         raise InvalidSetupError(f"{what} is {value!r}; possible: {low:.4g} to {high:.4g}")
 
 
 def _plain(value: Any) -> Any:
     """Numbers as floats of Python; whatever else there is as it is, for `check` to refuse."""
+    if is_finite(value):
+        return float(value)
     try:
         array = np.asarray(value)
     except ValueError:
