@@ -317,7 +317,10 @@ def experiment(
     jobs: JobsOption = 2,
     settings: SetOption = None,
 ) -> None:
-    """Make the table of an experiment again."""
+    """Make the table of an experiment again.
+
+    Checkpoints in its folder are pickles, which can run code: go on only with a folder of your own.
+    """
     from lfd_gym.experiments.rows import Rows
     from lfd_gym.paths import written_whole
     from lfd_gym.registry import arguments, look_up

@@ -183,7 +183,8 @@ def check_alike(demonstrations: Sequence[Demonstration], labelled: bool = False)
 
 
 def check_measured(name: str, demonstration: Demonstration, needs: Sequence[str], reads: tuple[str, ...] = ()) -> None:
-    """Raise DemonstrationError for a needed observation that is missing, and for one of these, or read, that is not finite.
+    """Raise DemonstrationError for a needed observation that is missing, and for one of these, or read, that is not finite or
+    whose quaternions are no orientations.
 
     Args:
         name: of the demonstration.
@@ -195,8 +196,13 @@ def check_measured(name: str, demonstration: Demonstration, needs: Sequence[str]
     if missing:
         raise DemonstrationError(f"{name} has no observation '{missing[0]}', which this method needs")
     for key, values in demonstration.observations.items():
-        if (key in needs or key.startswith(reads)) and not np.isfinite(values).all():
+        if not (key in needs or key.startswith(reads)):
+            continue
+        if not np.isfinite(values).all():
             raise DemonstrationError(f"the observation '{key}' of {name} is not finite; repeat the demonstration")
+        turns = key == "tool_quaternion" or key.startswith("frame_")
+        if turns and not (np.linalg.norm(values[:, -4:], axis=1) > 1e-6).all():
+            raise DemonstrationError(f"a quaternion in '{key}' of {name} has no length; repeat the demonstration")
 
 
 def taught_seeds(demonstrations: Sequence[Demonstration]) -> tuple[int, ...]:

@@ -55,11 +55,12 @@ def single_strokes(drawings: list[Drawing], n_points: int) -> dict[str, list[Arr
     """Drawings made without lifting the pen, per character, as (n_points, 2) at equal times, preprocessed as in 4.4.1.
 
     Each is shifted to a mean of zero; then each is scaled to the standard deviation that the drawings of its character have on
-    average, in pixels. Characters with no such drawing are left out; a drawing of a single point is none.
+    average, in pixels. Characters with no such drawing are left out; a drawing of a single point, or a single time, is none.
     """
     found: dict[str, list[Array]] = {}
     for drawing in drawings:
-        if len(drawing.strokes) == 1 and np.ptp(drawing.strokes[0], axis=0)[:2].max() > 0.0:
+        x, y, time = np.ptp(drawing.strokes[0], axis=0)
+        if len(drawing.strokes) == 1 and max(x, y) > 0.0 and time > 0.0:
             points = _resampled(drawing.strokes[0], n_points)
             found.setdefault(drawing.character, []).append(points - points.mean(axis=0))
     return {character: _alike(drawn) for character, drawn in found.items()}

@@ -5,10 +5,10 @@
 | `FINAL_SEED` | to 1099: of final figures, and of nothing else |
 | `DEVELOPMENT_SEED` | on which settings are chosen, curves are drawn and examples run |
 | `TEACHING_SEED` | of demonstrations, see `lfd_gym.recording.reset_seed` |
-| `TRAINING_SEED` | of the training of agents, `SEEDS_PER_RUN` for each seed of a training |
-| `PRACTICE_SEED` | of fine-tuning, likewise; the upper half of a run's is for its last check |
+| `TRAINING_SEED` | of agents, also as they fine-tune a skill: `SEEDS_PER_RUN` for each of the seeds 0 to `MOST_RUNS` - 1 |
+| `PRACTICE_SEED` | of skills that search for better parameters, likewise; the upper half is for the last check of all |
 """
 
 FINAL_SEED, DEVELOPMENT_SEED = 1000, 100_000
 TEACHING_SEED, TRAINING_SEED, PRACTICE_SEED = 2**32, 2**34, 2**35
-SEEDS_PER_RUN = 2**24
+SEEDS_PER_RUN, MOST_RUNS = 2**24, 2**10

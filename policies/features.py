@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies.goal_distance import goal_distance_width
-from policies.passages import END, TOLERANCE, PassageData
+from policies.passages import BROKEN_OFF, END, TOLERANCE, PassageData
 from policies.task_data import CONTROLLED, ENTITIES, N_COORDINATES
 from policies.task_space import AXES
 
@@ -86,6 +86,6 @@ def _width(data: PassageData, k: int, distance: Callable[[Array], Array], smalle
                 groups.setdefault("all", []).append(d)
             elif arrival > 0:
                 groups.setdefault("on the way", []).append(d[:arrival])
-            if kind == "entity" and not data.stopped_early(p):
-                groups.setdefault(END if p.exit < 0 else data.graph.labels[p.exit], []).append(d[arrival:])
-    return goal_distance_width(groups, smallest)
+            if kind == "entity" and p.exit != BROKEN_OFF and not data.stopped_early(p):
+                groups.setdefault(END if p.exit == END else data.graph.labels[p.exit], []).append(d[arrival:])
+    return goal_distance_width(groups, smallest) if groups else smallest

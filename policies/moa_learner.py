@@ -9,7 +9,7 @@ from lfd_gym.action import ActionLayout
 from policies.arguments import check_number
 from policies.moa.frames import Frames
 from policies.moa.mixture_of_attractors import MixtureOfAttractors
-from policies.moa.tie_break import SLACK, excess
+from policies.moa.tie_break import nearly_equal
 from policies.path_generators import AttractorPath
 from policies.trajectory_learner import LARGEST, TrajectoryLearner
 
@@ -54,7 +54,7 @@ class MoALearner(TrajectoryLearner):
     ) -> AttractorPath:
         """The convex problem of Algorithm 4."""
         n_support = max(round(len(warps[0]) * dt / self.spacing), 2)
-        slack = max(SLACK, excess(len(points), points[0].shape[1]))
+        slack = nearly_equal(len(points), points[0].shape[1])
         self.model_ = MixtureOfAttractors(
             n_support, layout.alpha, layout.beta, dt,
             margin=self.margin, solver=self.solver, second_stage=self.second_stage, slack=slack,

@@ -92,15 +92,18 @@ def learn_primitives(
     speed, acceleration = np.zeros((2, n))
     shown = _shown(demonstrations)
     for k in shown:
-        ends = [(m, at.stop - 1) for j in table.alike(k, ORIENTATION.start, shown) for m, at in shown[j]]
+        ends = [(m, at.stop - 1) for j in table.turning_alike(k, shown) for m, at in shown[j]]
         frame = int(table.orientation_frame[k])
         mean[k] = mean_quaternion(np.array([relative_quaternion(measurements[m], frame, t) for m, t in ends]))
     paths = {
         k: [trajectory(Measurement(*(a[at] for a in measurements[m])), table, k, mean[k]) for m, at in own]
         for k, own in shown.items()
     }
-    for x in (x for own in paths.values() for x in own):
-        _unwrap_rotation(x[:, ORIENTATION])
+    for k, gone in paths.items():
+        for x in gone:
+            _unwrap_rotation(x[:, ORIENTATION])
+            if table.space[k] == CYLINDRICAL:
+                x[:, 1] = np.unwrap(x[:, 1])
     broken_off = {
         k: [
             at.stop > len(demonstrations[m]) and _breaks_off(x, DEAD_BAND[table.space[k]], dt)
@@ -114,7 +117,7 @@ def learn_primitives(
         paces = np.median([_pace(measurements[m].position[at], dt) for (m, at), _ in whole], axis=0)
         speed[k], acceleration[k] = np.maximum(paces, (SLOWEST, GENTLEST))
         if table.space[k] == CYLINDRICAL:
-            _unwrap([x for j in table.alike(k, 1, shown) for x in paths[j]])
+            _same_turn([x for j in table.alike(k, 1, shown) for x in paths[j]])
             goal[k, 0] = np.median([x[-1, 0] for x in paths[k]])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
             rows = [k] if i >= HAND.start else table.alike(k, int(i), shown)
@@ -124,13 +127,18 @@ def learn_primitives(
             goal[k, i] = _goal(list(begun.values()), time, dead_band, dt)
         if "hand_torque" in demonstrations[0].observations:
             torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for (m, at), _ in whole])
-            presses = np.abs(torque) > PRESSES
-            sign = np.sign((torque * presses).sum(axis=0)) * (presses.mean(axis=0) >= PRESSED_SHARE)
-            grip[k] = GRIP * sign * (table.modes[k, HAND] == CONTROLLED)
+            grip[k] = _grip(torque) * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
             forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for (m, at), _ in whole]
             force[k, i], goal[k, i] = _steady_contact(forces, [x[:, i] for _, x in whole])
     return MovementPrimitives(tuple(names), table, mean, goal, grip, force, speed, acceleration)
+
+
+def _grip(torque: Array) -> Array:
+    """How far beyond its goal the hand goes (4,) [rad], from the torques of its drives where segments ended (M, 4) [N m]."""
+    presses = np.abs(torque) > PRESSES
+    sign = np.sign((torque * presses).sum(axis=0))
+    return np.asarray(GRIP * sign * (presses.mean(axis=0) >= PRESSED_SHARE))
 
 
 def _shown(demonstrations: Sequence[Demonstration]) -> dict[int, list[tuple[int, slice]]]:
@@ -185,13 +193,13 @@ def _apart(table: PrimitiveTable, goal: Array, k: int, i: int) -> float:
 
 
 def _check_shared(names: Sequence[str], shown: Mapping[int, Sequence[Array]], apart: float) -> None:
-    rows, middle = list(shown), [float(np.median([x[-1] for x in own])) for own in shown.values()]
-    for row, end in zip(rows[1:], middle[1:], strict=True):
-        if abs(end - middle[0]) > apart:
-            raise DemonstrationError(
-                f"'{names[rows[0]]}' and '{names[row]}' share a primitive in the primitive table, but end "
-                f"{abs(end - middle[0]):.2f} m or rad apart; primitives with different goals need different numbers"
-            )
+    middle = {row: float(np.median([x[-1] for x in own])) for row, own in shown.items()}
+    one, other = sorted((min(middle, key=middle.__getitem__), max(middle, key=middle.__getitem__)))
+    if abs(middle[one] - middle[other]) > apart:
+        raise DemonstrationError(
+            f"'{names[one]}' and '{names[other]}' share a primitive in the primitive table, but end "
+            f"{abs(middle[one] - middle[other]):.2f} m or rad apart; primitives with different goals need different numbers"
+        )
 
 
 def precisions(ends: Sequence[Array]) -> Array:
@@ -215,10 +223,8 @@ def _pace(position: Array, dt: float) -> tuple[float, float]:
     return fast, 0.8 * fast / (dt * max(reached - since, 1))
 
 
-def _unwrap(paths: Sequence[Array]) -> None:
-    """Make the angles of cylindrical paths (N, N_COORDINATES) continuous, their ends within half a turn of each other."""
-    for x in paths:
-        x[:, 1] = np.unwrap(x[:, 1])
+def _same_turn(paths: Sequence[Array]) -> None:
+    """Shift the angles of cylindrical paths (N, N_COORDINATES) by whole turns, so that they end within half a turn."""
     middle = np.angle(np.mean([np.exp(1j * x[-1, 1]) for x in paths]))
     for x in paths:
         x[:, 1] -= 2.0 * np.pi * np.round((x[-1, 1] - middle) / (2.0 * np.pi))

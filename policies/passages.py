@@ -35,8 +35,8 @@ SCATTER = {"position": 0.05, "orientation": 0.26, "hand": 0.35}
 goals along one axis, three times that of their distance."""
 WIDER = 2.0
 """Where most passages ended at rest: the same in medians of their distances."""
-MOVING = 3
-"""Samples: a passage that was nearer to its end for less than this did not rest there."""
+MOVING = 0.06
+"""A passage that was nearer to its end for less than this did not rest there [s]."""
 END, BROKEN_OFF = -1, -2
 """Exits of a passage with which a demonstration ended, and with which it broke off, which shows no exit."""
 
@@ -81,10 +81,12 @@ class PassageData:
         labels: Sequence[NDArray[np.int64]],
         named: NamedObservations,
         observed: Sequence[Array],
+        dt: float,
         broken_off: Collection[int] = (),
     ) -> None:
-        """observed: per demonstration the scaled named observations (T + 1, D); broken_off: demonstrations without an end."""
-        self.graph, self.primitives, self.named, self._observed = graph, primitives, named, observed
+        """observed: per demonstration the scaled named observations (T + 1, D); dt: time step [s]; broken_off: demonstrations
+        without an end."""
+        self.graph, self.primitives, self.named, self._observed, self._dt = graph, primitives, named, observed, dt
         self._motions = [c for c, key in enumerate(named.keys) if key.startswith(MOTION)]
         self.passages = passages(graph, labels, broken_off)
         self.labels = sorted({label for label in graph.labels if label >= 0})
@@ -157,7 +159,7 @@ class PassageData:
         """Whether most passages from a node to an exit ended in motion: something happened before the goal."""
         own = [p for p in self.passages if (p.node, p.exit) == (node, exit_)]
         rests = [p.stop - p.start - _settled(self._outside(p)) for p in own]
-        return bool(own) and float(np.mean(np.array(rests) < MOVING)) > 0.5
+        return bool(own) and float(np.mean(np.array(rests) < max(round(MOVING / self._dt), 1))) > 0.5
 
     def arrival(self, p: Passage) -> int:
         """Number of samples on the way; from there on the passage stays within tolerance of its end (rule 1)."""

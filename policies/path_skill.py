@@ -115,7 +115,10 @@ class PathSkill(Skill):
         return Memory(np.array(0), np.array(0.0), path, poses)
 
     def _goal(self, path: Array, i: int) -> Array:
-        before, here, after = path[max(i - 1, 0)], path[i], path[min(i + 1, len(path) - 1)]
+        """Goal (3,) of step i; the end of the path is held, however fast it was come to."""
+        if i == len(path) - 1:
+            return path[i]
+        before, here, after = path[max(i - 1, 0)], path[i], path[i + 1]
         velocity, acceleration = 0.5 * (after - before) / self.dt, (after - 2.0 * here + before) / self.dt**2
         return attractor.goal(here, velocity, acceleration, self.layout.alpha, self.layout.beta)
 

@@ -14,14 +14,14 @@ from policies.features import KINDS
 from policies.goals import TIMES, NormalisedTime
 from policies.learner import Learner
 from policies.movement_primitives import MovementPrimitives, learn_primitives
-from policies.named_observations import named_observations
+from policies.named_observations import NamedObservations, named_observations
 from policies.node_learner import NodeLearner
 from policies.object_motion import motion_observations
 from policies.outliers import LEAST_FORCE, find_outliers
 from policies.passages import BROKEN_OFF, PassageData
 from policies.sequence_graph import GRAPHS, MATCHES, SequenceGraph, global_graph
-from policies.sequence_graph_skill import SequenceGraphSkill, longest_stillness
-from policies.task_data import FORCE, POSITION, measure, primitive_table
+from policies.sequence_graph_skill import Node, SequenceGraphSkill, longest_stillness
+from policies.task_data import CONTROLLED, FORCE, HAND, POSITION, measure, primitive_table
 from policies.task_space import AXES
 from policies.transition_data import TransitionData
 from policies.transitions import CLASSIFIERS, KERNELS
@@ -89,6 +89,7 @@ class SequenceGraphLearner(Learner):
         names = tuple(primitive.name for primitive in first.primitives)
         table = primitive_table(first.primitives, list(first.observations))
         needed = [f"frame_{name}" for name in table.frames[1:]] + ["wrench"] * bool((table.modes == FORCE).any())
+        needed += ["hand_position"] * bool((table.modes[:, HAND] == CONTROLLED).any())
         for i, demonstration in enumerate(demonstrations):
             check_measured(f"demonstration {i}", demonstration, needed)
         demonstrations = self._alike(demonstrations)
@@ -106,7 +107,7 @@ class SequenceGraphLearner(Learner):
         ]
         named = named_observations(seen, wanted)
         scaled = [named.scaled(values) for values in seen]
-        data = PassageData(graph, primitives, measurements, labels, named, scaled, broken_off)
+        data = PassageData(graph, primitives, measurements, labels, named, scaled, float(first.dt), broken_off)
         transitions = TransitionData(data, self.feature)
         settings: dict[str, Any] = {"C": self.C} | ({"kernel": self.kernel} if self.classifier == "svm" else {})
         node_learner = NodeLearner(
@@ -118,17 +119,10 @@ class SequenceGraphLearner(Learner):
             frame = int(table.position_frame[graph.labels[node]]) if node else 0
             still = [longest_stillness(measurements[p.demonstration], p.start, p.stop, frame) for p in own]
             nodes.append(node_learner.learn(node, transitions.node(node), max(still, default=0)))
-        columns = sorted({int(c) for node in nodes for c in node.feature_columns if c >= 0})
-        position = {column: i for i, column in enumerate([-1, *columns], start=-1)}
-        nodes = [
-            node._replace(feature_columns=np.array([position[c] for c in node.feature_columns], dtype=np.int64))
-            for node in nodes
-        ]
         return SequenceGraphSkill(
             graph,
             primitives,
-            nodes,
-            named.only(columns),
+            *_in_use(nodes, named),
             first.layout,
             float(first.dt),
             env_id=first.env_id,
@@ -169,6 +163,17 @@ class SequenceGraphLearner(Learner):
     def _summary(self) -> str:
         classifier = f"{self.kernel} {self.classifier}" if self.classifier == "svm" else self.classifier
         return f"sequence-graph, {self.graph}, {classifier}"
+
+
+def _in_use(nodes: Sequence[Node], named: NamedObservations) -> tuple[list[Node], NamedObservations]:
+    """The nodes with the named observations that one of them looks at, and those alone."""
+    columns = sorted({int(c) for node in nodes for c in node.feature_columns if c >= 0})
+    position = {column: i for i, column in enumerate([-1, *columns], start=-1)}
+    renumbered = [
+        node._replace(feature_columns=np.array([position[c] for c in node.feature_columns], dtype=np.int64))
+        for node in nodes
+    ]
+    return renumbered, named.only(columns)
 
 
 def _warn_of_missing_forces(primitives: MovementPrimitives, labels: Sequence[NDArray[np.int64]]) -> None:

@@ -11,7 +11,14 @@ from lfd_gym import quaternion
 from lfd_gym.demonstration import Demonstration
 from policies.decomposition.observed import CARRIED_PENALTY, observe
 from policies.decomposition.segmentation import ENTITIES, Segment, segment, smooth
-from policies.decomposition.task_spaces import DIRECTION, entity_segments, nearest_rotation, pressing, widest_gap
+from policies.decomposition.task_spaces import (
+    DIRECTION,
+    end_samples,
+    entity_segments,
+    nearest_rotation,
+    pressing,
+    widest_gap,
+)
 
 TURN, SHIFT = quaternion.from_rotation_vector(np.array([0.0, 0.0, 1.1])), np.array([0.1, -0.2, 0.05])
 
@@ -35,6 +42,15 @@ def moved(demonstration: Demonstration) -> Demonstration:
     wrench[:, :3] = [quaternion.rotate(TURN, row[:3]) for row in wrench]
     seen["wrench"] = wrench
     return dataclasses.replace(demonstration, observations=seen)
+
+
+@pytest.mark.parametrize("entity", ["position", "hand"])
+def test_segments_end_at_rest_at_every_control_rate(shown: list[Demonstration], entity: str) -> None:
+    """Those of every fifth sample."""
+    data = entity_segments(shown, entity)
+    for part, (view, *_) in zip(data.segments, data.views, strict=True):
+        own, coarse = end_samples(5.0 * shown[part.demonstration].dt), view.samples[::-5][::-1]
+        assert np.linalg.norm(coarse[-own:].mean(axis=0) - view.end) < 0.005
 
 
 @pytest.mark.parametrize("entity", ENTITIES)

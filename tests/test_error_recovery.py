@@ -1,7 +1,9 @@
 """A slip leads back to the beginning because it was demonstrated, and only then (thesis 2.5.3)."""
 
+import kinematic_world
 import numpy as np
 import pytest
+import slipping_world
 from slipping_world import ABOVE, BEGIN, BESIDE, CLOSE, LIFT, solve, teach
 
 from policies.object_motion import GONE, MOTION, motion_observations, motions, tool_in_frames
@@ -21,6 +23,13 @@ def test_a_demonstrated_slip_is_recovered_from_with_every_grasp(graph):
     assert solve(taught, 10, False, (0, 1)) == (True, [BEGIN, ABOVE, CLOSE, LIFT] * 3)
     assert solve(taught, 11, True, (0,)) == (True, [BEGIN, BESIDE, CLOSE, LIFT] * 2)
     assert solve(taught, 12, True) == (True, [BEGIN, BESIDE, CLOSE, LIFT])
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.002])
+def test_a_slip_is_recognised_at_every_control_rate(dt, monkeypatch):
+    for world in (kinematic_world, slipping_world):
+        monkeypatch.setattr(world, "DT", dt)
+    assert solve(skill((0,), "global"), 11, True, (0,)) == (True, [BEGIN, BESIDE, CLOSE, LIFT] * 2)
 
 
 def test_what_was_not_demonstrated_is_not_done():

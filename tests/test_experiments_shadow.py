@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from lfd_gym.evaluation import evaluate
+from lfd_gym.experiments.judged import Judged, summary
 from lfd_gym.experiments.shadow import TOLERANCE, judge, judge_performance
 from lfd_gym.recording import record
 from lfd_gym.registry import look_up, make
@@ -129,3 +130,15 @@ def test_a_skill_that_never_unscrews_fails_there_and_is_helped_past_it(skill: An
     assert len(wrong) == episode.helped >= 2
     assert len(episode.transitions) >= 15
     assert not episode.success
+
+
+def test_skills_on_the_same_setups_are_no_more_setups():
+    """Nine that do alike tell as much as one."""
+    rng = np.random.default_rng(0)
+    success = (rng.uniform(size=(1, 20)) < 0.7).astype(float)
+    due = np.ones((1, 20, 3))
+    right = due * success[:, :, None]
+    one = Judged(np.array([3]), right, due, success)
+    nine = Judged(np.full(9, 3), *(np.repeat(array, 9, axis=0) for array in (right, due, success)))
+    assert summary(nine).whole == summary(one).whole
+    assert summary(nine).mean.low == pytest.approx(summary(one).mean.low, abs=0.05)

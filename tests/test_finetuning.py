@@ -70,6 +70,23 @@ def test_before_the_first_update_nothing_has_changed(
     assert np.array_equal(actions(load_skill(tmp_path / "skill.npz")), actions(skill))
 
 
+def test_a_skill_from_its_file_is_the_one_that_practised(skill: SequenceGraphSkill, tmp_path: Path) -> None:
+    skill.save(tmp_path / "skill.npz")
+    loaded = load_skill(tmp_path / "skill.npz")
+    assert Practice(loaded, ENV_ID, {}, 16, tmp_path).identity == Practice(skill, ENV_ID, {}, 16, tmp_path).identity
+
+
+def test_practice_of_decisions_keeps_a_checkpoint_on_the_way(
+    small: Any, skill: SequenceGraphSkill, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from policies.reinforcement.checkpoint import TrainingFolder
+
+    kept: list[int] = []
+    monkeypatch.setattr(TrainingFolder, "write", lambda self, agent, state: kept.append(state["decisions"]))
+    _, facts = small.refine_graph(Practice(skill, ENV_ID, {}, 3, tmp_path / "t"))
+    assert kept[0] < kept[-1] == facts["decisions"]
+
+
 def test_an_agent_that_has_not_learned_decides_as_the_graph_does(small: Any, skill: SequenceGraphSkill) -> None:
     """Asked at every control step, masked and deterministic, the agent leads the robot where the skill leads it."""
     from stable_baselines3.common.vec_env import DummyVecEnv

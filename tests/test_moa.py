@@ -113,6 +113,15 @@ def approach_two_objects(rng, n):
     return points, frames
 
 
+def test_the_second_stage_ends_where_nothing_is_left_to_prefer():
+    """A frame that moves with the tool explains everything at no distance."""
+    time = np.linspace(0.0, 1.0, 100)
+    path = np.stack([time, np.sin(3.0 * time), 0.3 * time], axis=1)
+    frames = Frames.joined([Frames.world(3), Frames.at(path[:, None])])
+    moa = MixtureOfAttractors(n_support=20, alpha=1000.0, beta=250.0, dt=0.02).fit([path], [frames])
+    assert moa.sparsity_ > 0.98
+
+
 def test_one_demonstration_generalises_by_the_second_stage_only():
     rng = np.random.default_rng(6)
     points, frames = approach_two_objects(rng, 8)

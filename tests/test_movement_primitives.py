@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from lfd_gym import quaternion
-from lfd_gym.demonstration import Demonstration
+from lfd_gym.demonstration import Demonstration, EntityControl
+from lfd_gym.errors import DemonstrationError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.recording import record
 from policies.movement_primitives import MovementPrimitives, learn_primitives
@@ -17,6 +18,7 @@ from policies.task_data import CONTROLLED, HAND, ORIENTATION, POSITION, measure,
 from policies.task_space import CYLINDRICAL
 from scripted_teachers.box_flipping import BoxFlippingTeacher
 from scripted_teachers.move_object import MoveObjectTeacher
+from scripted_teachers.whiteboard import WhiteboardTeacher
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +87,49 @@ def test_a_press_that_breaks_off_presses_no_less(flips) -> None:
     """Nor where no recording says that it failed: it had not moved."""
     broken = [cut(d, part(d, "flip").start + 3) for d in flips[1:]]
     np.testing.assert_array_equal(learn([flips[0], *broken]).force, learn(flips[:1]).force)
+
+
+@pytest.mark.parametrize("turn", [3.5, 4.2])
+def test_what_breaks_off_does_not_depend_on_where_the_angle_is_counted_from(flips, turn: float) -> None:
+    flip = part(flips[2], "flip")
+    broken = [*flips[:2], cut(flips[2], (flip.start + flip.stop) // 2)]
+    whole, other = learn(broken), learn([_about_its_axis(d, turn) for d in broken])
+    np.testing.assert_allclose(other.force, whole.force, atol=1e-6)
+    np.testing.assert_allclose(other.speed, whole.speed, atol=1e-9)
+    round_ = whole.table.space == CYLINDRICAL
+    np.testing.assert_allclose(other.goal[round_][:, [0, 2]], whole.goal[round_][:, [0, 2]], atol=1e-6)
+
+
+def _about_its_axis(demonstration: Demonstration, angle: float) -> Demonstration:
+    """With the frame of the edge turned about its z axis [rad]."""
+    frame, turn = demonstration.observations["frame_obstacle_edge"].copy(), np.array([0.0, 0.0, angle])
+    frame[:, 3:] = [quaternion.multiply(q, quaternion.from_rotation_vector(turn)) for q in frame[:, 3:]]
+    return dataclasses.replace(demonstration, observations={**demonstration.observations, "frame_obstacle_edge": frame})
+
+
+def test_rows_that_share_an_orientation_share_it_whichever_axes_they_hold(shown) -> None:
+    """Tilted about y at the end of the last movement."""
+    k = row(learn(shown), "withdraw")
+    control = shown[0].primitives[0].orientation
+    for axes in (("position",) * 3, ("hold", "position", "position")):
+        shared = EntityControl(99, control.frame, "rotation", axes)
+        rows = tuple(
+            primitive._replace(orientation=shared) if i in (0, k) else primitive
+            for i, primitive in enumerate(shown[0].primitives)
+        )
+        taught = [dataclasses.replace(_tilted_at_the_end(d, k, 0.1), primitives=rows) for d in shown]
+        learned = learn(taught)
+        np.testing.assert_allclose(learned.mean[0], learned.mean[k])
+        np.testing.assert_allclose(learned.goal[0, ORIENTATION], learned.goal[k, ORIENTATION])
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_a_hand_that_was_not_observed_cannot_be_controlled(n: int) -> None:
+    taught = record("whiteboard", WhiteboardTeacher(noise=0.0), n=1, seed=0).demonstrations * n
+    hand = EntityControl(0, "world", "joints", ("position",) * 4)
+    rows = tuple(primitive._replace(hand=hand) for primitive in taught[0].primitives)
+    with pytest.raises(DemonstrationError, match="no observation 'hand_position'"):
+        SequenceGraphLearner().fit([dataclasses.replace(d, primitives=rows) for d in taught])
 
 
 def test_where_failed_recordings_break_off_is_no_end(shown) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfd_gym.errors import DemonstrationError, UnknownNameError
-from lfd_gym.omniglot import read_drawings, single_strokes
+from lfd_gym.omniglot import Drawing, read_drawings, single_strokes
 
 LINE = "START\n0,-10,0\n10,-10,500\n20,-10,1000\nBREAK\n"
 BOW = "START\n0.0,-20.5,0\n0,-20.5,40\n30,-40,400\n60,-20,800\nBREAK\n"
@@ -69,6 +69,14 @@ def test_single_strokes_are_preprocessed_as_in_the_thesis(archive):
     spreads = [np.sqrt((points**2).sum(axis=1).mean()) for points in found["character02"]]
     assert spreads[0] == pytest.approx(spreads[1])
     np.testing.assert_allclose(np.diff(found["character01"][0][:, 0]), 20.0 / 49.0)  # equal times, equal steps
+
+
+def test_a_drawing_without_time_is_left_out():
+    good = np.array([[0.0, 0.0, 0.0], [5.0, 3.0, 100.0]])
+    drawings = [
+        Drawing("Latin", "character01", name, (stroke,)) for name, stroke in (("a", good), ("b", good * (1, 1, 0)))
+    ]
+    assert len(single_strokes(drawings, 10)["character01"]) == 1
 
 
 def test_an_alphabet_that_is_not_there(archive):

@@ -53,6 +53,12 @@ def test_the_square_is_drawn_on_boards_never_seen(skill):
         assert np.linalg.norm(world.position - HOME) < 0.01
 
 
+def test_the_end_of_a_path_is_held_however_fast_it_was_come_to(skill):
+    path = np.array([[0.5 + 0.08 * DT * i, 0.0, 0.2] for i in range(10)])
+    assert np.array_equal(skill._goal(path, 9), path[-1])
+    assert np.linalg.norm(skill._goal(path, 8) - path[8]) > 0.005
+
+
 def test_the_path_is_in_the_board_while_writing_and_in_the_world_otherwise(learner, skill):
     activations = learner.model_.frame_activations_
     writes = skill.press.force.any(axis=1)

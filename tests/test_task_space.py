@@ -1,6 +1,7 @@
 """Cartesian and cylindrical coordinates of a position, and movements in them."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -104,6 +105,13 @@ def test_rows_that_share_a_goal_end_near_each_other_along_the_arc(radius, angle,
     else:
         with pytest.raises(DemonstrationError, match="'first' and 'second' share a primitive"):
             learn(taught)
+
+
+def test_whether_rows_may_share_a_goal_does_not_depend_on_their_order():
+    for ends in itertools.permutations((0.0, 0.45, 0.9)):
+        rows = tuple(arc_row(name, "position") for name in "abc")
+        with pytest.raises(DemonstrationError, match="share a primitive .* 0.90 m or rad apart"):
+            learn([drawn_arc(0.2, 1.1 + end, rows, label) for label, end in enumerate(ends)])
 
 
 def arc_row(name: str, radius: str) -> Primitive:

@@ -67,6 +67,19 @@ def test_tp_gmm_turns_with_the_scene(scenes):
     np.testing.assert_allclose(moved, model.path(frames, HOME) @ turn.T + shift, atol=1e-7)
 
 
+def test_a_mixture_that_is_taught_in_a_turned_scene_draws_the_turned_path(scenes):
+    """The world's axes stay."""
+    turn = Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix()
+
+    def turned(frames):
+        return Frames(frames.origins @ turn.T, np.stack([frames.axes[0], turn @ frames.axes[1]]))
+
+    (frames, paths), (new, _) = scenes, new_scene()
+    taught = scenes, ([turned(frame) for frame in frames], paths @ turn.T)
+    one, other = (fit_mixture(local_of(shown), 15, 1e-6, slice(None)) for shown in taught)
+    np.testing.assert_allclose(other.path(turned(new), turn @ HOME), one.path(new, HOME) @ turn.T, atol=1e-9)
+
+
 def points_in_frames(rng, n_frames, n=300, d=3):
     """Points (F, R, D) of three clusters in every frame, and first responsibilities (R, 3) by one coordinate."""
     centre = 3.0 * rng.normal(size=(n_frames, 3, d))

@@ -14,7 +14,7 @@ import numpy as np
 from lfd_gym.evaluation import wilson_interval
 from lfd_gym.experiments.figures import curve, panels, save
 from lfd_gym.experiments.learning import TEACHING, demonstrations, learned_from
-from lfd_gym.experiments.rows import Rows, markdown, rate
+from lfd_gym.experiments.rows import Rows, markdown, over_setups, rate
 
 TASK = "lfd_gym/CylinderGrasp-v0"
 SETUPS, TEACHING_SEEDS = 20, (0, 1, 2)
@@ -30,14 +30,13 @@ def run(out: Path, quick: bool, jobs: int) -> str:
         (kind, n): _episodes(rows, classifier, n, counts[-1]) for kind, classifier in KINDS.items() for n in counts
     }
     reached = {
-        (kind, score, n): sum(episode["subtasks"].get(flag, False) for episode in episodes[kind, n])
-        for kind, n in episodes
+        (kind, score, n): over_setups([e["subtasks"].get(flag, False) for e in own], [e["seed"] for e in own])
+        for (kind, n), own in episodes.items()
         for score, flag in SCORES.items()
     }
-    total = len(episodes["SVM", 1])
     columns = [(kind, score) for score in SCORES for kind in KINDS]
-    _draw(rows.folder / "grasping.png", list(counts), reached, total)
-    table = [[str(n), *(rate(reached[kind, score, n], total) for kind, score in columns)] for n in counts]
+    _draw(rows.folder / "grasping.png", list(counts), reached)
+    table = [[str(n), *(rate(*reached[kind, score, n]) for kind, score in columns)] for n in counts]
     return markdown(["demonstrations", *(f"{kind}, {score}, %" for kind, score in columns)], table)
 
 
@@ -53,12 +52,12 @@ def _episodes(rows: Rows, classifier: str, n: int, most: int) -> list[dict[str, 
     return episodes
 
 
-def _draw(path: Path, counts: list[int], reached: dict[tuple[str, str, int], int], total: int) -> None:
+def _draw(path: Path, counts: list[int], reached: dict[tuple[str, str, int], tuple[float, int]]) -> None:
     figure, axes = panels(len(SCORES))
     for panel, score in zip(axes, SCORES, strict=True):
         for i, kind in enumerate(KINDS):
-            low, high = np.transpose([wilson_interval(reached[kind, score, n], total) for n in counts])
-            share = np.array([reached[kind, score, n] for n in counts]) / total
+            low, high = np.transpose([wilson_interval(*reached[kind, score, n]) for n in counts])
+            share = np.array([np.divide(*reached[kind, score, n]) for n in counts])
             curve(panel, counts, 100.0 * share, 100.0 * low, 100.0 * high, i, kind)
         panel.set_title(score, fontsize=9)
         panel.set_xlabel("demonstrations")

@@ -46,7 +46,7 @@ class Summary(NamedTuple):
     """Mean share over the transitions, with the interval of the bootstrap."""
     best: float
     whole: Estimate
-    """Share of solved tasks, with Wilson's interval."""
+    """Share of solved tasks, with Wilson's interval over setups: all skills meet the same."""
 
 
 def judged(skills: Sequence[Mapping[str, Any]], pairs: Sequence[tuple[int, int]]) -> Judged:
@@ -65,9 +65,10 @@ def judged(skills: Sequence[Mapping[str, Any]], pairs: Sequence[tuple[int, int]]
 
 def summary(of: Judged) -> Summary:
     """Worst, mean and best transition, and the whole task."""
-    shares, solved, tried = of.shares(), int(of.success.sum()), of.success.size
+    shares, (n_skills, n_setups) = of.shares(), of.success.shape
+    solved = float(of.success.sum()) / n_skills
     mean = Estimate(float(np.nanmean(shares)), *_interval(resampled(of)[0]))
-    whole = Estimate(solved / tried, *wilson_interval(solved, tried))
+    whole = Estimate(solved / n_setups, *wilson_interval(solved, n_setups))
     return Summary(float(np.nanmin(shares)), mean, float(np.nanmax(shares)), whole)
 
 
@@ -80,15 +81,16 @@ def differences(one: Judged, other: Judged) -> tuple[Estimate, Estimate]:
 
 
 def resampled(of: Judged) -> tuple[Array, Array]:
-    """Mean over the transitions, and success of the whole task, of `RESAMPLES` draws of skills, and of setups for each skill.
+    """Mean over the transitions, and success of the whole task, of `RESAMPLES` draws of skills and of setups.
 
-    Equal shapes are drawn alike, so that differences between kinds of skill are paired.
+    All skills meet the same setups, so that a setup that is drawn is drawn for all of them. Equal shapes are drawn alike, so
+    that differences between kinds of skill are paired.
     """
     rng = np.random.default_rng(0)
     n_skills, n_setups, _ = of.right.shape
     transitions, whole = np.empty((2, RESAMPLES))
     for i in range(RESAMPLES):
-        drawn = rng.integers(n_skills, size=(n_skills, 1)), rng.integers(n_setups, size=(n_skills, n_setups))
+        drawn = rng.integers(n_skills, size=(n_skills, 1)), rng.integers(n_setups, size=n_setups)
         sample = Judged(of.sizes, of.right[drawn], of.due[drawn], of.success[drawn])
         transitions[i], whole[i] = np.nanmean(sample.shares()), sample.success.mean()
     return transitions, whole

@@ -142,6 +142,12 @@ def rate(successes: float, n: int) -> str:
     return f"{100 * successes / n:.0f} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
+def over_setups(reached: Sequence[bool], seeds: Sequence[int]) -> tuple[float, int]:
+    """Successes and setups of some episodes; what several skills do on one setup counts once, as their mean."""
+    n = len(set(seeds))
+    return n * sum(reached) / len(reached), n
+
+
 def success(reports: Sequence[Mapping[str, Any]]) -> str:
     """`rate` of some policies on the same setups: their mean, with its interval over setups."""
     solved = [sum(episode["success"] for episode in report["episodes"]) for report in reports]

@@ -19,6 +19,7 @@ from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.experiments.writing import ENV_ID, N_DEMONSTRATIONS, paths
 from policies.moa.alignment import align, warped
 from policies.moa.mixture_of_attractors import MixtureOfAttractors
+from policies.moa.tie_break import nearly_equal
 from policies.sequence_graph_drawing import COLOURS
 
 TEACHING_SEED, UNSEEN_SEED, N_UNSEEN = 0, 1, 3
@@ -63,7 +64,10 @@ def _subsets(second_stage: bool, most: int | None) -> list[dict[str, Any]]:
     result = []
     for subset in _all_subsets(most):
         start = time.process_time()
-        model = MixtureOfAttractors(n_support, layout.alpha, layout.beta, dt, aligned=True, second_stage=second_stage)
+        slack = nearly_equal(len(subset), points[0].shape[1])
+        model = MixtureOfAttractors(
+            n_support, layout.alpha, layout.beta, dt, aligned=True, second_stage=second_stage, slack=slack
+        )
         model.fit([pairs[m][0] for m in subset], [pairs[m][1] for m in subset])
         seconds = time.process_time() - start
         errors = [

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies.decomposition.geometry import Euclidean, Geometry, Rotations
-from policies.decomposition.task_spaces import END_SAMPLES, EntitySegments
+from policies.decomposition.task_spaces import EntitySegments, end_samples
 
 Array = NDArray[np.float64]
 
@@ -74,13 +74,13 @@ def _chosen(data: EntitySegments, i: int, n_points: int) -> tuple[NDArray[np.int
 
     The slow start is dropped, the rest after the motion counts for its first few samples: how long it lasts says nothing.
     """
-    part, view = data.segments[i], data.views[i][0]
+    part, view, n_end = data.segments[i], data.views[i][0], end_samples(data.dt)
     speed, moving = np.linalg.norm(view.velocities, axis=1), part.rest - part.start
     if not part.moves:
-        return np.round(np.linspace(max(len(speed) - END_SAMPLES, 0), len(speed) - 1, n_points)).astype(np.int64), 0.0
+        return np.round(np.linspace(max(len(speed) - n_end, 0), len(speed) - 1, n_points)).astype(np.int64), 0.0
     peak = float(speed[: moving + 1].max())
     fast = np.flatnonzero(speed[: moving + 1] > SLOW * peak)
-    last = min(moving + END_SAMPLES, len(speed) - 1)
+    last = min(moving + n_end, len(speed) - 1)
     candidates = np.r_[fast, np.arange(fast[-1] + 1, last + 1)]
     weights = ((candidates - candidates[0] + 1.0) / (candidates[-1] - candidates[0] + 1.0)) ** POWER
     shares = np.cumsum(weights) / weights.sum()

@@ -23,8 +23,8 @@ from policies.decomposition.segmentation import MOTION_WINDOW, Segment, segment,
 
 Array = NDArray[np.float64]
 
-END_SAMPLES = 8
-"""The end of a segment is the mean of so many samples, at rest."""
+END_TIME = 0.16
+"""The end of a segment is its mean over this time, at rest [s]."""
 LEVEL_SHARE = 1.0 / 3.0
 """The force of a segment is the median of this last share of it: what was pressed when the movement had arrived."""
 FREE, PRESSED = 2.0, 5.0
@@ -174,13 +174,19 @@ def _view(x: Array, force: Array, part: Segment, space: TaskSpace, seam: float, 
         velocities = _angular_velocity(samples, dt)
     else:
         velocities = np.gradient(samples, dt, axis=0) if len(samples) > 1 else np.zeros_like(samples)
-    end = samples[-END_SAMPLES:].mean(axis=0)
+    n_end = end_samples(dt)
+    end = samples[-n_end:].mean(axis=0)
     if space.space == "joints" and part.moves:
-        end = samples[part.rest - part.start :][:END_SAMPLES].mean(axis=0)
+        end = samples[part.rest - part.start :][:n_end].mean(axis=0)
     if space.space == "rotation":
         end = nearest_rotation(end.reshape(3, 3)).ravel()
     last = pressed[-max(round(LEVEL_SHARE * len(pressed)), 1) :]
     return View(samples, velocities, pressed, samples[0], end, np.median(last, axis=0), log_jacobian)
+
+
+def end_samples(dt: float) -> int:
+    """Over how many samples of a time step [s] the end of a segment is averaged."""
+    return max(round(END_TIME / dt), 1)
 
 
 def nearest_rotation(matrix: Array) -> Array:

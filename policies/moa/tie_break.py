@@ -25,6 +25,8 @@ SLACK = 0.05
 """By what share of the least error solutions count as nearly equal."""
 CLOSE = 0.05
 """R is least to within this fraction of itself."""
+NOTHING = 1e-6
+"""Less than this share of what R was to begin with is nothing left to save."""
 FACTOR = 10.0
 """By which the weight of R grows until it is too large."""
 RATIO = 2.0
@@ -44,6 +46,11 @@ def excess(n_demonstrations: int, dimension: int) -> float:
     return parameters / further if further > 0 else 0.0
 
 
+def nearly_equal(n_demonstrations: int, dimension: int) -> float:
+    """By what share of the least error a simpler solution may be worse: what noise takes away, `SLACK` at least."""
+    return max(SLACK, excess(n_demonstrations, dimension))
+
+
 def nearness(local: list[Array], weights: Interpolation) -> Array:
     """c_sf (N_S, F), in units of the trajectory times steps, from aligned points in every frame, each (N, F, d)."""
     return weights.transposed(np.mean([np.linalg.norm(points, axis=2) for points in local], axis=0))
@@ -61,8 +68,8 @@ def break_tie(
 
     J + w R is minimised for the weight w of R that uses up what is allowed. The error never exceeds it for
     w_0 = (allowed - J*) / R(first), as J(w) - J* <= w (R(first) - R(w)). And no activations within the allowed error have R
-    below R(w) - (allowed - J(w) + gap) / w: where that is close, the search ends. The switching cost is in units of the mean
-    preference. The returned cost and gap are those of J + w R.
+    below R(w) - (allowed - J(w) + gap) / w: where that is close, or R nothing, the search ends. The switching cost is in units
+    of the mean preference. The returned cost and gap are those of J + w R.
     """
     per_switch = switching * float(preference.mean())
 
@@ -80,7 +87,8 @@ def break_tie(
             high = w
         else:
             low, guess = w, found.z
-            if allowed - found.error + found.gap <= CLOSE * (found.cost - found.error):
+            weighted_r = found.cost - found.error
+            if allowed - found.error + found.gap <= CLOSE * weighted_r or weighted_r <= NOTHING * w * r_first:
                 break
         w = FACTOR * low if np.isinf(high) else float(np.sqrt(low * high))
     return solve(weighted(low), tolerance, start=guess)

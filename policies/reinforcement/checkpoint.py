@@ -1,6 +1,7 @@
 """Checkpoints of a training: a folder beside the skill that it will become, from which a killed training goes on.
 
     job.json                      what is trained; another job refuses the folder
+    lock                          held by the process that trains
     log.jsonl                     one line per evaluation
     checkpoint-000025000/         after so many decisions: agent.zip, replay_buffer.pkl, state.json
 
@@ -10,10 +11,12 @@ This is not the format of skills: agents and buffers are pickles, which run code
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.paths import writing, written_whole
@@ -22,6 +25,24 @@ SCHEMA = "lfd_gym.training-checkpoint/1 (holds pickles: load only your own)"
 PREFIX = "checkpoint-"
 STATE = ("decisions", "seconds", "simulated_seconds", "episodes", "updates")
 """What is kept of how far a training has come."""
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Hold the folder of a training. Raises InvalidArgumentError while another process does."""
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / "lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InvalidArgumentError(
+                f"'{folder}' is being trained in by another process; wait for it to end"
+            ) from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 class TrainingFolder:
@@ -74,11 +95,17 @@ class TrainingFolder:
         """The log."""
         return read_log(self.path)
 
+    def go_on(self, decisions: int) -> None:
+        """Drop the lines of the log that a kill has left of an agent with more decisions, which is lost."""
+        self._write_log([row for row in self.rows() if row["decisions"] <= decisions])
+
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add a line to the log; lines of as many or more decisions, from before a kill, are replaced."""
-        kept = [old for old in self.rows() if old["decisions"] < row["decisions"]]
+        """Add a line to the log, once."""
+        self._write_log([*(old for old in self.rows() if old["decisions"] < row["decisions"]), dict(row)])
+
+    def _write_log(self, rows: Iterable[Mapping[str, Any]]) -> None:
         with written_whole(self.log) as temporary:
-            temporary.write_text("".join(json.dumps(line) + "\n" for line in [*kept, dict(row)]))
+            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
 @contextmanager

@@ -35,7 +35,7 @@ def refine_graph(practice: Practice) -> Practised:
         return RefinedGraphSkill.of(skill, residual_network(agent), metadata)
 
     make = partial(make_graph_agent, GRAPH_PPO)
-    return _trained(practice, GRAPH_PPO, env, export, make, load_graph_agent, 1.0 / skill.dt)
+    return _trained(practice, GRAPH_PPO, env, export, make, load_graph_agent, 1.0 / skill.dt, GRAPH_PPO.rollout)
 
 
 def learn_residual(practice: Practice) -> Practised:
@@ -55,7 +55,7 @@ def learn_residual(practice: Practice) -> Practised:
 
     make = partial(make_agent, RESIDUAL_SAC, quiet=QUIET)
     load_ = partial(load_agent, RESIDUAL_SAC)
-    return _trained(practice, RESIDUAL_SAC, env, export, make, load_, 1.0 / DECISION_TIME)
+    return _trained(practice, RESIDUAL_SAC, env, export, make, load_, 1.0 / DECISION_TIME, Schedule.checkpoint_every)
 
 
 def _trained(
@@ -66,13 +66,22 @@ def _trained(
     make: Callable[[Any], Any],
     load_: Callable[[str, Any], Any],
     decisions_per_second: float,
+    checkpoint_every: int,
 ) -> Practised:
+    """The skill of an agent that has trained for the practice's episodes, with a checkpoint at least every tenth of them.
+
+    Args:
+        practice: what is asked.
+        how, env, export, make, load_: of the `Task`.
+        decisions_per_second: at most.
+        checkpoint_every: decisions between two checkpoints, at most.
+    """
     example = env()
     most = round(float(example.unwrapped.time_limit) * decisions_per_second * practice.episodes)
     example.close()
     schedule = Schedule(
         most,
-        min(most // 10, Schedule.checkpoint_every),
+        min(most // 10, checkpoint_every),
         evaluate_every=0,
         episodes=practice.episodes,
         progress=practice.progress,

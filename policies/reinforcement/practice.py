@@ -38,7 +38,9 @@ class Practice:
     @property
     def identity(self) -> dict[str, str]:
         """Which skill practises, for what is kept of it."""
-        return {"skill": self.skill.kind, "contents": joblib.hash(self.skill.to_arrays())}
+        values, arrays = self.skill.to_arrays()
+        contents = values, {name: np.array(array, order="C") for name, array in arrays.items()}
+        return {"skill": self.skill.kind, "contents": joblib.hash(contents)}
 
     @property
     def first_seed(self) -> int:

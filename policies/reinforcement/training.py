@@ -23,12 +23,12 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
-from lfd_gym.seeds import DEVELOPMENT_SEED, SEEDS_PER_RUN, TRAINING_SEED
+from lfd_gym.seeds import DEVELOPMENT_SEED, MOST_RUNS, SEEDS_PER_RUN, TRAINING_SEED
 from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
-from policies.reinforcement.checkpoint import TrainingFolder, undamaged
+from policies.reinforcement.checkpoint import TrainingFolder, held, undamaged
 from policies.reinforcement.demonstrated_decisions import check_observed, transitions
 from policies.reinforcement.demonstrated_starts import DemonstratedStarts
 from policies.reinforcement.growth import Growth
@@ -155,18 +155,25 @@ def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bo
 def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any]) -> Skill:
     """Train until the schedule's end, from the last checkpoint in the folder; `identity` says whose folder it is.
 
-    Raises InvalidArgumentError where the folder is of another training, or its last checkpoint is damaged.
+    Raises InvalidArgumentError where the folder is of another training or held by one, or its last checkpoint is damaged.
     """
+    with held(folder):
+        return _run(task, schedule, TrainingFolder(folder, _job(task, schedule, identity)))
+
+
+def _run(task: Task, schedule: Schedule, kept: TrainingFolder) -> Skill:
     settings = task.settings
-    kept = TrainingFolder(folder, _job(task, schedule, identity))
+    if not 0 <= task.seed < MOST_RUNS:
+        raise InvalidArgumentError(f"seed {task.seed}; possible: 0 to {MOST_RUNS - 1}")
     state = kept.state() or {
         "decisions": 0, "seconds": 0.0, "simulated_seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0,
     }  # fmt: skip
     last = settings.rollout * math.ceil(schedule.decisions / settings.rollout)
     if state["decisions"] > last:
         raise InvalidArgumentError(
-            f"'{folder}' has made {state['decisions']} decisions; ask for as many, or choose another --out"
+            f"'{kept.path}' has made {state['decisions']} decisions; ask for as many, or choose another --out"
         )
+    kept.go_on(state["decisions"])
     simulated, stride = state["simulated_seconds"], SEEDS_PER_RUN // settings.n_envs
     first = [TRAINING_SEED + SEEDS_PER_RUN * task.seed + i * stride for i in range(settings.n_envs)]
     episodes = [SeededEpisodes(task.env(), a + begun) for a, begun in zip(first, state["episodes"], strict=True)]

@@ -83,7 +83,7 @@ def fit_mixture(
             f"{n} aligned steps are too few for {n_components} Gaussians; set n_components to at most {n}"
         )
     time = np.linspace(0.0, 1.0, n)
-    scale = float(chosen.std(axis=(0, 1)).mean())
+    scale = float(np.sqrt(chosen.var(axis=(0, 1)).mean()))
     times = np.broadcast_to(np.tile(time, m)[:, None], (f, m * n, 1))
     rows = np.concatenate([times, np.moveaxis(chosen.reshape(m * n, f, d), 1, 0) / scale], axis=2)
     part = np.minimum(np.arange(n) * n_components // max(n - 1, 1), n_components - 1)
