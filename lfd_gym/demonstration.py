@@ -200,9 +200,14 @@ def check_measured(name: str, demonstration: Demonstration, needs: Sequence[str]
             continue
         if not np.isfinite(values).all():
             raise DemonstrationError(f"the observation '{key}' of {name} is not finite; repeat the demonstration")
-        turns = key == "tool_quaternion" or key.startswith("frame_")
-        if turns and not (np.linalg.norm(values[:, -4:], axis=1) > 1e-6).all():
-            raise DemonstrationError(f"a quaternion in '{key}' of {name} has no length; repeat the demonstration")
+        if key == "tool_quaternion" or key.startswith("frame_"):
+            check_quaternions(f"'{key}' of {name}", values[:, -4:])
+
+
+def check_quaternions(what: str, quaternions: np.ndarray) -> None:
+    """Raise DemonstrationError for a quaternion (N, 4) that is no orientation."""
+    if not (np.linalg.norm(quaternions, axis=1) > 1e-6).all():
+        raise DemonstrationError(f"a quaternion in {what} has no length; repeat the demonstration")
 
 
 def taught_seeds(demonstrations: Sequence[Demonstration]) -> tuple[int, ...]:

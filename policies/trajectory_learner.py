@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.action import ActionLayout
-from lfd_gym.demonstration import Demonstration, taught_seeds
+from lfd_gym.demonstration import Demonstration, check_quaternions, taught_seeds
 from lfd_gym.errors import DemonstrationError
 from policies.arguments import check_number
 from policies.learner import Learner
@@ -63,6 +63,8 @@ class TrajectoryLearner(Learner):
         for i, pose in enumerate(poses):
             if not np.isfinite(pose).all():
                 raise DemonstrationError(f"a frame of demonstration {i} is not finite at its first step")
+            for name, row in zip(names, pose[1:], strict=True):
+                check_quaternions(f"'frame_{name}' of demonstration {i}", row[None, 3:])
         frames = [Frames.of_poses(pose) for pose in poses]
         points = [demonstration.observations["tool_position"] for demonstration in demonstrations]
         warps = self.warps_ = self._aligned(demonstrations, points, frames)
