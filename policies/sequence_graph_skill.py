@@ -72,7 +72,7 @@ class Memory(NamedTuple):
     pace: Array
     """(n,) how fast that place moved [m/s]."""
     anchor: Array
-    """(n, 18) what `in_frame` makes of the frame of the active primitive, when the robot last moved."""
+    """(n, 18) what `stance` makes of the frame of the active primitive, when the robot last moved."""
     still: Array
     """(n,) time since then [s]."""
     chosen: NDArray[np.int64]
@@ -124,10 +124,10 @@ class SequenceGraphSkill(Skill):
     def decide(self, observation: Observation, state: State) -> tuple[NDArray[np.float32], State]:
         """One control step: classify, then the goal of the node that is active now."""
         seen, frames, place, memory = self._perceive(observation, state)
-        whole = self._whole(seen, frames, int(memory.node))
-        still = _is_still(whole, memory.anchor)
+        now = self._stance(seen, frames, int(memory.node))
+        still = _is_still(now, memory.anchor)
         memory = memory._replace(
-            anchor=memory.anchor if still else whole, still=memory.still + self.dt if still else np.array(0.0)
+            anchor=memory.anchor if still else now, still=memory.still + self.dt if still else np.array(0.0)
         )
         observed = self._named(observation, place, memory.began)
         memory = self._move_on(seen, frames, place, observed, memory)
@@ -163,7 +163,7 @@ class SequenceGraphSkill(Skill):
         if memory.node == 0:
             memory = memory._replace(
                 position=seen[:3], quaternion=seen[3:7], hand=seen[7:], pull=seen[:3],
-                anchor=self._whole(seen, frames, 0), began=place,
+                anchor=self._stance(seen, frames, 0), began=place,
             )  # fmt: skip
         return seen, frames, place, memory
 
@@ -180,9 +180,9 @@ class SequenceGraphSkill(Skill):
             frames[i] = observation[key]
         return seen, frames, tool_in_frames(seen[:3], frames)
 
-    def _whole(self, seen: Array, frames: Array, node: int) -> Array:
+    def _stance(self, seen: Array, frames: Array, node: int) -> Array:
         """What the anchor is compared with (18,)."""
-        return in_frame(seen, frames[self.primitives.table.position_frame[self.graph.labels[node]] if node else 0])
+        return stance(seen, frames[self.primitives.table.position_frame[self.graph.labels[node]] if node else 0])
 
     def _named(self, observation: Observation, place: Array, began: Array) -> Array:
         """The scaled named observations (D,)."""
@@ -207,7 +207,7 @@ class SequenceGraphSkill(Skill):
         if (following := int(node.targets[chosen])) == current:
             return memory._replace(chosen=np.array(chosen), lasted=lasted)
         return memory._replace(
-            node=np.array(following), pace=zero, anchor=self._whole(seen, frames, following), still=zero,
+            node=np.array(following), pace=zero, anchor=self._stance(seen, frames, following), still=zero,
             chosen=np.array(0), lasted=zero, began=place,
         )  # fmt: skip
 
@@ -266,7 +266,7 @@ def longest_stillness(measured: Measurement, start: int, stop: int, frame: int) 
     """Largest number of samples between two steps during which the robot counted as still, in the world or in a frame."""
     position, turned, hand, frames = (values[start : stop + 1] for values in measured)
     world = np.concatenate([position, turned, hand], axis=1)
-    seen = np.array([in_frame(x, poses[frame]) for x, poses in zip(world, frames, strict=True)])
+    seen = np.array([stance(x, poses[frame]) for x, poses in zip(world, frames, strict=True)])
     longest, since, anchor = 0, 0, seen[0]
     for t in range(1, len(seen)):
         if not _is_still(seen[t], anchor):
@@ -276,7 +276,7 @@ def longest_stillness(measured: Measurement, start: int, stop: int, frame: int) 
 
 
 @njit(cache=True)
-def in_frame(seen: Array, frame: Array) -> Array:
+def stance(seen: Array, frame: Array) -> Array:
     """Position, quaternion and hand (11,), followed by position and quaternion in a frame (7,): (18,)."""
     result = np.empty(18)
     back = quaternion.conjugate(frame[3:])

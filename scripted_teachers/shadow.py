@@ -11,6 +11,7 @@ from scripted_teachers.teacher import (
     ARRIVED_POSITION,
     ARRIVED_ROTATION,
     ARRIVED_SPEED,
+    FINGER_STILL,
     HAND_STILL,
     PATIENCE,
     REACTION,
@@ -24,7 +25,7 @@ WITHIN = 3.0
 """Standard deviations of a human's goals from which on a place is another one."""
 RESTING_TURN = 0.05
 """A tool that turns more slowly is at rest [rad/s]."""
-FINGER_STILL, FINGER_MOVED = 0.005, 0.1
+FINGER_MOVED = 0.1
 """A hand that moved less within `HAND_STILL` rests; one that moved more since a movement began has begun to follow it, and one
 nearer to its goal need not [rad]."""
 

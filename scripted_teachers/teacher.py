@@ -32,8 +32,9 @@ SHORTEST = 0.4
 PATIENCE = 1.0
 """How long a teacher waits for a goal that is not reached [s]."""
 ARRIVED_POSITION, ARRIVED_ROTATION, ARRIVED_SPEED = 0.004, np.radians(1.5), 0.01
-HAND_STILL = 0.15
-"""A hand that moved less than 0.005 rad in this time [s] has closed or opened."""
+"""A tool that is so near its goal [m], [rad] and so slow [m/s] has arrived."""
+HAND_STILL, FINGER_STILL = 0.15, 0.005
+"""A hand that moved less in this time [s] than this [rad] has closed or opened."""
 REACTION = 0.2
 """Time from an event to the teacher's reaction [s]."""
 
@@ -156,6 +157,11 @@ class ScriptedTeacher:
             yield self._action(self._goal_position, self._goal_orientation), movement.label
 
     def _perform(self, movement: Movement) -> Iterator[tuple[NDArray[np.float32], int]]:
+        """Actions of one movement, until what ends it was seen for the time of a reaction, or until it has arrived and rested.
+
+        `elapsed` runs while nothing is waited for, `stood` since when something is; after the way `waited` counts for how long
+        the goal is not reached, and `rest` for how long it is [s].
+        """
         variation = noise_model.vary(self.rng, self.noise, movement.steady)
         if movement.hand is not None:
             self._goal_hand = movement.hand
@@ -222,7 +228,7 @@ class ScriptedTeacher:
         o, factor = self.observation, variation.threshold
         still = max(round(HAND_STILL / self.dt), 1)
         if movement.hand is not None and (
-            len(hands) <= still or np.abs(hands[-1] - hands[-1 - still]).max(initial=0.0) > 0.005
+            len(hands) <= still or np.abs(hands[-1] - hands[-1 - still]).max(initial=0.0) > FINGER_STILL
         ):
             return False
         error = o["tool_position"] - self._goal_position

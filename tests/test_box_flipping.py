@@ -90,7 +90,7 @@ def test_impossible_setups_say_what_is_possible(env, setup, what):
         env.reset(seed=SEED, options={"setup": setup})
 
 
-def test_impossible_press():
+def test_a_press_above_the_limit_is_refused():
     with pytest.raises(InvalidArgumentError, match="up to 15"):
         BoxFlippingTeacher(press=30.0)
 

@@ -320,7 +320,7 @@ Run = Callable[[Path, bool, int], str]
         "moa-tasks",
     ],
 )
-def test_commands(
+def test_every_quick_experiment_makes_its_table(
     run: Run, settings: list[Any], lines: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rows, "QUICK_EPISODES", 1)

@@ -161,6 +161,6 @@ def test_frames_join_at_rest_and_moving():
         lambda: Frames.of_poses(np.zeros((1, 6))),
     ],
 )
-def test_frames_that_are_none(wrong):
+def test_malformed_frames_are_refused(wrong):
     with pytest.raises(InvalidArgumentError, match="frames have origins|not finite|poses are"):
         wrong()

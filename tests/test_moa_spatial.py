@@ -49,7 +49,7 @@ def test_shifting_the_scene_shifts_the_answer():
     np.testing.assert_allclose(y, x + shift, atol=5e-3)
 
 
-def test_what_is_not_possible():
+def test_impossible_arguments_are_refused():
     with pytest.raises(InvalidArgumentError, match="9000 support points; possible: 2 to the number of points"):
         SpatialMixtureOfAttractors(n_support=9000).fit(arcs(2))
     with pytest.raises(InvalidArgumentError, match="no frame 1; possible: 0 to 0"):

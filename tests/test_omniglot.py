@@ -92,7 +92,7 @@ def test_an_alphabet_that_is_not_there(archive):
         ("START\nBREAK\n", "has no stroke"),
     ],
 )
-def test_damaged_drawings(tmp_path, text, message):
+def test_damaged_drawings_are_refused(tmp_path, text, message):
     path = tmp_path / "Latin" / "character01" / "0001_01.txt"
     path.parent.mkdir(parents=True)
     path.write_text(text)

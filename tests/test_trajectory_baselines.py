@@ -267,7 +267,7 @@ def test_replay_is_one_of_the_demonstrations():
     assert any(np.array_equal(points, d.observations["tool_position"]) for d in shown)
 
 
-def test_distances_to_a_word():
+def test_a_distance_to_a_word_is_that_to_its_nearest_stroke():
     strokes = writing.strokes("I")
     corner = strokes[0][0]
     assert writing.distances(corner[None], "I")[0] < 1e-9
