@@ -20,17 +20,19 @@ from scripted_teachers.teacher import (
 )
 
 HAND = np.array([0.6, 0.6, 0.6, 2.44])
-"""Two fingers spread by 17 cm, their outer links upright, the third tucked."""
+"""Two fingers spread by 17 cm, their outer links upright, the third tucked [rad]."""
 BEHIND = (0.38, 0.035)
 """Away from the edge and up: behind the box, wherever it is [m]."""
 PUSHED = (0.172, 0.035)
 """The box lies at the obstacle: its depth, the radius of a fingertip, and a little more [m]."""
 FINAL = (0.18, 0.30)
+"""The same of where the tool withdraws to [m]."""
 LAST_ANGLE = np.radians(84.0)
-"""The arc ends above the box that stands on its other face."""
+"""The arc ends above the box that stands on its other face [rad]."""
 FLIP_SPEED = 0.35
 """Angular speed of the flip about the edge [rad/s]."""
 MAX_PRESS = 15.0
+"""Firmest press that can be asked for [N]."""
 FELT = 0.5
 """The flip begins when this fraction of its press is felt."""
 APPROACH, PUSH, FLIP, WITHDRAW = range(4)

@@ -9,7 +9,7 @@ from lfd_gym.demonstration import Primitive
 from scripted_teachers.teacher import HOLD, POSITION, Movement, ScriptedTeacher, above, at, primitive
 
 OPEN, CLOSED = np.array([0.0, 0.7, 0.7, 0.7]), np.array([0.0, 2.0, 2.0, 2.0])
-"""Half open, so that the fingers pass between two boxes."""
+"""Half open, so that the fingers pass between two boxes [rad]."""
 GRASP_HEIGHT = 0.010
 """Of the tool point over the centre of a box [m]."""
 SIZE, GAP = 0.070, 0.002

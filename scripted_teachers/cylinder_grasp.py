@@ -19,18 +19,22 @@ from scripted_teachers.teacher import (
 )
 
 OPEN, CLOSED = np.zeros(4), np.array([0.0, 1.28, 1.28, 1.25])
-"""The fingers touch the cylinder when they have closed so far."""
+"""The fingers touch the cylinder when they have closed so far [rad]."""
 SIDEWAYS = np.pi / 2.0
+"""Spread of a pinch [rad]."""
 PINCH_OPEN, PINCH_CLOSED = np.array([SIDEWAYS, 0.0, 0.0, 0.0]), np.array([SIDEWAYS, 1.47, 1.47, 0.0])
 FIRM, WEAK = 0.08, 0.012
 """How much further the fingers are told to close [rad]: 0.04 is all that their drives give."""
 INITIAL = (0.60, 0.0, 0.33)
+"""Where the tool waits, in the world [m]."""
 END_DEPTH = 0.035
 """Of the tool point below the upper end of a standing cylinder [m]."""
 GRASP_HEIGHT = 0.018
 """Of the tool point over the table, beside a lying cylinder [m]: the fingertips just clear the table as they close."""
 RADIUS = 0.025
+"""Of a cylinder [m]."""
 LIFT_HEIGHT = 0.345
+"""Of the tool point over the table [m]."""
 SLIPPED = 0.02
 """A cylinder that moved in the hand by this much [m] has slipped."""
 MEDIUM = (0.12, 0.20)

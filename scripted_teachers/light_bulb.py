@@ -18,14 +18,16 @@ from scripted_teachers.teacher import (
 )
 
 SPREAD = np.radians(60.0)
+"""Of fingers 1 and 2, so that three fingers cage the bulb [rad]."""
 OPEN, CLOSED = np.array([SPREAD, 0.0, 0.0, 0.0]), np.array([SPREAD, 2.0, 2.0, 2.0])
 INITIAL = (0.58, 0.0, 0.30)
+"""Where the tool begins and withdraws to, in the world [m]."""
 GRASP_HEIGHT = 0.064
 """Of the tool point over the foot of the holder [m]: the fingertips close below the glass."""
 DROP_HEIGHT = 0.11
 """Of the tool point over the box's floor [m]."""
 TWIST = np.radians(60.0)
-"""The wrist turns from minus to plus this angle."""
+"""The wrist turns from minus to plus this angle [rad]."""
 LOOSE_RISE = 0.025
 """The hand has risen by this much since it began to pull [m]: the bulb is loose."""
 PULL_DWELL = 0.5

@@ -8,11 +8,13 @@ from scripted_teachers.teacher import HOLD, POSITION, Movement, ScriptedTeacher,
 
 OPEN, CLOSED = np.array([0.0, 0.0, 0.0, 0.0]), np.array([0.0, 2.0, 2.0, 2.0])
 INITIAL = (0.58, 0.0, 0.28)
+"""Where the tool begins, in the world [m]."""
 GRASP_HEIGHT = 0.012
 """Of the tool point over the object's centre [m]."""
 PLACE_HEIGHT = 0.059
 """Of the tool point over the target [m]: the object a little above the table, so that it is not pressed into it."""
 LIFT_HEIGHT = 0.18
+"""Of the tool point over the table [m]."""
 APPROACH_INITIAL, APPROACH, GRASP, LIFT, CARRY, RELEASE, WITHDRAW = range(7)
 
 

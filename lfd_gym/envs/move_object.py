@@ -36,7 +36,8 @@ class MoveObjectEnv(ManipulationEnv):
     | frames | `object` (its centre), `target` (on the table) |
     | start | object and target anywhere in 25 x 50 cm, any yaw, at least 15 cm apart |
     | varies, hidden | mass of the object 0.1-0.2 kg, its friction with the table 0.6-1.0 |
-    | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away |
+    | success | the object stands at rest within 2 cm of the target, nothing touches it, the tool is 10 cm away; it may have |
+    | | been pushed there |
     | subtasks | `grasped` (lifted by 2 cm), `at_target`, `released` (there) |
     | dense reward | reach 0.1, grip 0.1, bring to the target 0.3, let stand 0.1, release 0.15, withdraw 0.2 |
     | time limit | 30 s |

@@ -47,11 +47,6 @@ class BoxAttractors(NamedTuple):
         """d."""
         return self.low.shape[1]
 
-    @property
-    def n_attractors(self) -> int:
-        """K = F 2^d of the thesis's formulation."""
-        return int(self.n_frames * 2**self.n_dimensions)
-
     def goal_matrix(self, frames: Frames) -> Array:
         """Matrix of shape (d, F (1 + d)), or (N, d, F (1 + d)) for moving frames, that maps z to the goal G a."""
         centre, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
