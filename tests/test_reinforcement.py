@@ -17,7 +17,6 @@ from lfd_gym.demonstration import Demonstration, save_demonstrations
 from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownNameError
 from lfd_gym.recording import record
 from lfd_gym.registry import make
-from lfd_gym.seeds import MOST_RUNS, PRACTICE_SEED, SEEDS_PER_RUN, TRAINING_SEED
 from lfd_gym.view import View
 from lfd_gym.wrappers import RLView
 from policies import load_skill
@@ -293,30 +292,6 @@ def test_a_killed_training_goes_on_to_the_same_number_of_decisions(
         training.train(name, ENV_ID, schedule, tmp_path / "t", seed=4, demonstrations=shown)
     with pytest.raises(InvalidArgumentError, match="192 decisions|another training"):
         training.train(name, ENV_ID, training.Schedule(64), tmp_path / "t", seed=3, demonstrations=shown)
-
-
-def test_a_folder_is_trained_in_by_one_process_at_a_time(training: Any, tmp_path: Path) -> None:
-    schedule = training.Schedule(32, checkpoint_every=32, evaluate_every=0)
-    with (
-        training.held(tmp_path / "t"),
-        pytest.raises(InvalidArgumentError, match="is being trained in by another process"),
-    ):
-        training.train("sac", ENV_ID, schedule, tmp_path / "t", seed=3)
-    assert training.train("sac", ENV_ID, schedule, tmp_path / "t", seed=3).metadata["decisions"] == 32
-
-
-def test_what_was_logged_of_a_lost_agent_is_forgotten(training: Any, tmp_path: Path) -> None:
-    log = training.TrainingFolder(tmp_path, {})
-    for made in (16, 64, 80):
-        log.append({"decisions": made})
-    log.go_on(64)
-    assert [row["decisions"] for row in log.rows()] == [16, 64]
-
-
-def test_seeds_of_trainings_do_not_meet_those_of_practice(training: Any, tmp_path: Path) -> None:
-    assert TRAINING_SEED + SEEDS_PER_RUN * MOST_RUNS <= PRACTICE_SEED
-    with pytest.raises(InvalidArgumentError, match="seed 1024; possible: 0 to 1023"):
-        training.train("sac", ENV_ID, training.Schedule(32), tmp_path / "t", seed=1024)
 
 
 def test_a_damaged_checkpoint_is_named(training: Any, tmp_path: Path) -> None:
