@@ -55,6 +55,7 @@ class Case(NamedTuple):
 
 CASES: Sequence[Case] = (
     Case("lfd_gym/Whiteboard-v0", "moa", 3.0, 1, PATH, seed=6),
+    Case("lfd_gym/Whiteboard-v0", "moa", 3.0, 1, PATH, seed=9),
     Case("lfd_gym/MoveObject-v0", "sequence-graph", 3.0, 1, GRAPH, seed=1),
     Case("lfd_gym/MoveObject-v0", "sequence-graph", 3.0, 1, GRAPH, seed=5),
     Case("lfd_gym/BoxStacking-v0", "sequence-graph", 3.0, 1, GRAPH, seed=1),
