@@ -263,8 +263,10 @@ def test_a_slip_is_a_cylinder_that_moves_in_the_lifting_hand(
 
 
 def test_recovery_counts_episodes_with_a_slip_only() -> None:
-    episodes = [{"slipped": s, "success": w} for s, w in [(True, True), (True, False), (False, False), (True, True)]]
+    flags = [(True, True), (True, False), (False, False), (True, True)]
+    episodes = [{"slipped": slipped, "success": well, "seed": seed} for seed, (slipped, well) in enumerate(flags)]
     assert slips.recovered(episodes) == "67 [21, 94] of 3"
+    assert slips.recovered(episodes * 3) == "67 [21, 94] of 9"  # of three skills on the same setups
     assert slips.recovered(episodes[2:3]) == "none slipped"
 
 
