@@ -69,9 +69,9 @@ CASES: Sequence[Case] = (
 
 A noise-3 demonstration that succeeds often teaches a good skill. The seed of each is the first whose skill solved less than
 half of the first development setups, 100000 and following: Whiteboard's 6 solved none of 10 (0, 1 and 5 solved all; as 2, 3
-and 4 the teacher wrote no two words in ten attempts), MoveObject's 1 solved 3 of 10 and the next, 5, solved 4, BoxStacking's
-1 none of 5. LightBulb's 0 to 6 solved 5 of 5, so that what is repaired there decides at once: with it seed 0 solved none of
-8.
+and 4 the teacher wrote no two words in ten attempts) and the next, 9, solved 2, MoveObject's 1 solved 3 of 10 and the next,
+5, solved 4, BoxStacking's 1 none of 5. LightBulb's 0 to 6 solved 5 of 5, so that what is repaired there decides at once: with
+it seed 0 solved none of 8.
 """
 
 
