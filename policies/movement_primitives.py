@@ -92,7 +92,7 @@ def learn_primitives(
     speed, acceleration = np.zeros((2, n))
     shown = _shown(demonstrations)
     for k in shown:
-        ends = [(m, at.stop - 1) for j in table.turning_alike(k, shown) for m, at in shown[j]]
+        ends = [(m, at.stop - 1) for j in table.alike(k, ORIENTATION, shown) for m, at in shown[j]]
         frame = int(table.orientation_frame[k])
         mean[k] = mean_quaternion(np.array([relative_quaternion(measurements[m], frame, t) for m, t in ends]))
     paths = {
@@ -117,10 +117,10 @@ def learn_primitives(
         paces = np.median([_pace(measurements[m].position[at], dt) for (m, at), _ in whole], axis=0)
         speed[k], acceleration[k] = np.maximum(paces, (SLOWEST, GENTLEST))
         if table.space[k] == CYLINDRICAL:
-            _same_turn([x for j in table.alike(k, 1, shown) for x in paths[j]])
+            _same_turn([x for j in table.alike(k, slice(1, 2), shown) for x in paths[j]])
             goal[k, 0] = np.median([x[-1, 0] for x in paths[k]])
         for i in np.flatnonzero(table.modes[k] == CONTROLLED):
-            rows = [k] if i >= HAND.start else table.alike(k, int(i), shown)
+            rows = [k] if i >= HAND.start else table.alike(k, slice(i, i + 1), shown)
             dead_band = DEAD_BAND[table.space[k], i]
             begun = _begun({j: [x[:, i] for x in paths[j]] for j in rows}, broken_off, dead_band)
             _check_shared(names, begun, _apart(table, goal, k, int(i)))

@@ -70,21 +70,13 @@ class PrimitiveTable(NamedTuple):
         """(K, 3) index into the frames per entity; the hand has none but its own."""
         return np.stack([self.position_frame, self.orientation_frame, np.zeros_like(self.position_frame)], axis=1)
 
-    def turning_alike(self, k: int, rows: Iterable[int]) -> list[int]:
-        """Those of the rows that turn to the same orientation as row k; k itself if it turns nowhere."""
-        turns = (self.modes[:, ORIENTATION] == CONTROLLED).any(axis=1)
-        return [j for j in rows if turns[j] and self.shared[j, 1] == self.shared[k, 1]] if turns[k] else [k]
-
-    def alike(self, k: int, coordinate: int, rows: Iterable[int]) -> list[int]:
-        """Those of the rows that go to the same goal as row k along a coordinate; k itself if it does not control it."""
-        entity = next(e for e, part in enumerate(ENTITIES.values()) if part.start <= coordinate < part.stop)
-        if self.modes[k, coordinate] != CONTROLLED:
+    def alike(self, k: int, coordinates: slice, rows: Iterable[int]) -> list[int]:
+        """Those of the rows that go to the same goal as row k along coordinates of one entity; k itself if it controls none."""
+        entity = next(e for e, part in enumerate(ENTITIES.values()) if part.start <= coordinates.start < part.stop)
+        controls = (self.modes[:, coordinates] == CONTROLLED).any(axis=1)
+        if not controls[k]:
             return [k]
-        return [
-            j
-            for j in rows
-            if self.shared[j, entity] == self.shared[k, entity] and self.modes[j, coordinate] == CONTROLLED
-        ]
+        return [j for j in rows if controls[j] and self.shared[j, entity] == self.shared[k, entity]]
 
 
 def primitive_table(primitives: Sequence[Primitive], observation_names: Sequence[str]) -> PrimitiveTable:

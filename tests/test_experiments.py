@@ -110,16 +110,16 @@ def test_jobs_change_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_what_failed_first() -> None:
-    def episode(success: bool, **subtasks: bool) -> dict[str, Any]:
-        return {"success": success, "subtasks": subtasks, "error": None}
+    def episode(seed: int, success: bool, **subtasks: bool) -> dict[str, Any]:
+        return {"seed": seed, "success": success, "subtasks": subtasks, "error": None}
 
     report = {
         "episodes": [
-            episode(True, grasped=True, lifted=True),
-            episode(False, grasped=True, lifted=False),
-            episode(False, grasped=True, lifted=False),
-            episode(False, grasped=False, lifted=False),
-            episode(False, grasped=True, lifted=True),
+            episode(0, True, grasped=True, lifted=True),
+            episode(1, False, grasped=True, lifted=False),
+            episode(2, False, grasped=True, lifted=False),
+            episode(3, False, grasped=False, lifted=False),
+            episode(4, False, grasped=True, lifted=True),
         ]
     }
     assert rows.missed(report) == "lifted 2, grasped 1, the end 1"

@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 from dm_control.utils.rewards import tolerance
+from numba import njit
+from numpy.typing import NDArray
 
 from lfd_gym import wam
+from lfd_gym.compiled import bound
 from lfd_gym.envs import setups
 from lfd_gym.envs.manipulation_env import ManipulationEnv
 from lfd_gym.envs.touch import count_contacts, robot_geoms
@@ -77,7 +80,7 @@ class LightBulbEnv(ManipulationEnv):
         self._box_quat = data.mocap_quat[model.body("box").mocapid[0]]
         self._box_frame = data.body("box").xmat
         self._is_robot = robot_geoms(model)
-        self.watch = self._end_thread
+        self.watch = bound(end_thread, self._turn, self._hidden, self.data.eq_active[self._weld : self._weld + 1])
 
     @property
     def _loose(self) -> bool:
@@ -102,11 +105,6 @@ class LightBulbEnv(ManipulationEnv):
         """How many turns the bulb needs, and how hard it turns."""
         self._hidden[0] = 2.0 * math.pi * rng.uniform(1.0, 2.0)
         self._thread_friction[0] = self.between(rng, 0.06, 0.12)
-
-    def _end_thread(self) -> None:
-        """Free the bulb where its thread ends."""
-        if self._turn[0] > self._hidden[0]:
-            self.data.eq_active[self._weld] = 0
 
     def after_physics(self) -> None:
         """Count the robot's contacts with the bulb."""
@@ -143,3 +141,16 @@ class LightBulbEnv(ManipulationEnv):
         away = math.dist(self._glass[:2], self._box[:2])
         carry = tolerance(away, (0.0, 0.05), margin=0.5) if self._loose else 0.0
         return float(0.15 * reach + 0.35 * turn + 0.1 * lift + 0.2 * carry)
+
+
+@njit(cache=True)
+def end_thread(turned: NDArray[np.float64], turns: NDArray[np.float64], screwed: NDArray[np.uint8]) -> None:
+    """Free the bulb where its thread ends: called after every physics step.
+
+    Args:
+        turned: angle of the nut, (1,) [rad].
+        turns: at which it ends, (1,) [rad].
+        screwed: whether the bulb is held by the nut, (1,).
+    """
+    if turned[0] > turns[0]:
+        screwed[0] = 0

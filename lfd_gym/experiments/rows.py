@@ -148,10 +148,14 @@ def over_setups(reached: Sequence[bool], seeds: Sequence[int]) -> tuple[float, i
     return n * sum(reached) / len(reached), n
 
 
+def solved(episodes: Sequence[Mapping[str, Any]]) -> str:
+    """`rate` of some episodes with its interval over setups."""
+    return rate(*over_setups([episode["success"] for episode in episodes], [episode["seed"] for episode in episodes]))
+
+
 def success(reports: Sequence[Mapping[str, Any]]) -> str:
-    """`rate` of some policies on the same setups: their mean, with its interval over setups."""
-    solved = [sum(episode["success"] for episode in report["episodes"]) for report in reports]
-    return rate(sum(solved) / len(solved), len(reports[0]["episodes"]))
+    """`solved` of some policies on the same setups: their mean."""
+    return solved([episode for report in reports for episode in report["episodes"]])
 
 
 def missed(report: Mapping[str, Any]) -> str:

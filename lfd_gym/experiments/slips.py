@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lfd_gym.experiments.learning import TEACHING, demonstrations, learned
-from lfd_gym.experiments.rows import Rows, markdown, over_setups, rate
+from lfd_gym.experiments.rows import Rows, markdown, solved
 from lfd_gym.rollout import rollout
 from scripted_teachers.cylinder_grasp import LIFT, SLIPPED
 
@@ -44,7 +44,7 @@ def run(out: Path, quick: bool, jobs: int) -> str:
             episodes += [(slip, episode["cylinder"] in cylinders, episode) for episode in found]
         for name, counts in SHOWN.items():
             chosen = [episode for slip, cylinder, episode in episodes if counts(slip, cylinder)]
-            success = _rate(chosen) if chosen else ""
+            success = solved(chosen) if chosen else ""
             table.append([cause, name, str(len(chosen)), success, recovered(chosen)])
     return markdown(["cause", "episodes", "number", "success %", "of those with a slip %"], table)
 
@@ -98,9 +98,4 @@ def watch_for_slips(env: Any, skill: Any, seed: int) -> SlipEpisode:
 def recovered(episodes: Sequence[Mapping[str, Any]]) -> str:
     """How many of the episodes with a slip ended well, in percent with the interval; and of how many."""
     slipped = [episode for episode in episodes if episode["slipped"]]
-    return f"{_rate(slipped)} of {len(slipped)}" if slipped else "none slipped"
-
-
-def _rate(episodes: Sequence[Mapping[str, Any]]) -> str:
-    """In percent with its interval over setups."""
-    return rate(*over_setups([episode["success"] for episode in episodes], [episode["seed"] for episode in episodes]))
+    return f"{solved(slipped)} of {len(slipped)}" if slipped else "none slipped"

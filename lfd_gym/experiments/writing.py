@@ -15,7 +15,7 @@ from lfd_gym.alphabet import sample, strokes
 from lfd_gym.demonstration import Demonstration
 from lfd_gym.experiments.figures import save
 from lfd_gym.experiments.learning import demonstrations, teacher
-from lfd_gym.experiments.rows import Rows, markdown, rate
+from lfd_gym.experiments.rows import Rows, markdown, solved
 from lfd_gym.ink import HALF_SIZE, SPACING
 from lfd_gym.registry import load
 from lfd_gym.report.figures import GOAL, STYLE
@@ -137,11 +137,11 @@ def distances(points: np.ndarray, word: str) -> np.ndarray:
 
 def _cells(written: Sequence[Sequence[dict[str, Any]]]) -> list[str]:
     episodes = [episode for rows in written for episode in rows]
-    solved = [sum(episode["success"] for episode in rows) for rows in written]
+    each = [sum(episode["success"] for episode in rows) for rows in written]
     inked = [1000.0 * episode["distance"] for episode in episodes if episode["distance"] is not None]
     return [
-        rate(sum(solved) / len(solved), len(written[0])),
-        ", ".join(f"{100.0 * count / len(written[0]):.0f}" for count in solved),
+        solved(episodes),
+        ", ".join(f"{100.0 * count / len(written[0]):.0f}" for count in each),
         *(f"{100.0 * np.mean([episode[name] for episode in episodes]):.1f}" for name in ("coverage", "precision")),
         f"{np.median(inked):.1f}" if inked else "no ink",
     ]

@@ -100,12 +100,12 @@ class TrainingFolder:
         self._write_log([row for row in self.rows() if row["decisions"] <= decisions])
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add a line to the log, once."""
-        self._write_log([*(old for old in self.rows() if old["decisions"] < row["decisions"]), dict(row)])
+        """Add a line to the log."""
+        self._write_log([*self.rows(), row])
 
     def _write_log(self, rows: Iterable[Mapping[str, Any]]) -> None:
         with written_whole(self.log) as temporary:
-            temporary.write_text("".join(json.dumps(row) + "\n" for row in rows))
+            temporary.write_text("".join(json.dumps(dict(row)) + "\n" for row in rows))
 
 
 @contextmanager

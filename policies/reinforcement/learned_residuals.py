@@ -55,7 +55,7 @@ def learn_residual(practice: Practice) -> Practised:
 
     make = partial(make_agent, RESIDUAL_SAC, quiet=QUIET)
     load_ = partial(load_agent, RESIDUAL_SAC)
-    return _trained(practice, RESIDUAL_SAC, env, export, make, load_, 1.0 / DECISION_TIME, Schedule.checkpoint_every)
+    return _trained(practice, RESIDUAL_SAC, env, export, make, load_, 1.0 / DECISION_TIME)
 
 
 def _trained(
@@ -66,7 +66,7 @@ def _trained(
     make: Callable[[Any], Any],
     load_: Callable[[str, Any], Any],
     decisions_per_second: float,
-    checkpoint_every: int,
+    checkpoint_every: int = Schedule.checkpoint_every,
 ) -> Practised:
     """The skill of an agent that has trained for the practice's episodes, with a checkpoint at least every tenth of them.
 
