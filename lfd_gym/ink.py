@@ -100,8 +100,8 @@ class Ink:
 
     def tally(self) -> Tally:
         """Compare what is written with what was wanted."""
-        covered, good, inked = self._read()
-        if covered or good or inked:
+        changed, covered, good, inked = self._read()
+        if changed:
             t, of_strokes = self._tally, np.add.reduceat(self._covered, self._begins, dtype=np.int64)
             faintest = float((of_strokes / self._sizes).min())
             self._tally = Tally(t.covered + covered, t.wanted, t.good + good, t.inked + inked, faintest)
@@ -131,14 +131,15 @@ def mark(memory: Array, x: float, y: float) -> None:
 @njit(cache=True)
 def _read_ink(
     memory: Array, read: Array, covered: NDArray[np.bool_], starts: Integers, points: Integers
-) -> tuple[int, int, int]:
-    """How many points were covered, good cells and cells inked since the memory was last read: what a tally changes by.
+) -> tuple[bool, int, int, int]:
+    """Whether the memory has changed since it was last read, and how many points, good cells and cells are inked more.
 
     Args:
         memory: of the board; where ink has gone, as after a reset, it is read from the beginning.
         read, covered: the memory as last read, and the points covered by then; both are brought up to date.
         starts, points: points near cell c are ``points[starts[c] : starts[c + 1]]``.
     """
+    changed = False
     new_points = new_good = new_cells = 0
     for word in range(memory.size):
         if int(read[word]) & ~int(memory[word]):
@@ -150,12 +151,14 @@ def _read_ink(
                 read[other] = 0.0
             new_points -= covered.sum()
             covered[:] = False
+            changed = True
             break
     for word in range(memory.size):
         if memory[word] == read[word]:
             continue
         fresh = int(memory[word]) & ~int(read[word])
         read[word] = memory[word]
+        changed = True
         for bit in range(BITS):
             if not (fresh >> bit) & 1:
                 continue
@@ -165,7 +168,7 @@ def _read_ink(
             for i in range(starts[cell], starts[cell + 1]):
                 new_points += not covered[points[i]]
                 covered[points[i]] = True
-    return new_points, new_good, new_cells
+    return changed, new_points, new_good, new_cells
 
 
 @njit(cache=True)

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from lfd_gym.errors import InvalidArgumentError
+
 _SHIFTS = (0, 32, 64, 96)
 
 
@@ -14,7 +16,9 @@ def pack(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def unpack(rng: np.random.Generator, numbers: NDArray[np.float64]) -> None:
-    """Put a generator into the state that `pack` returned."""
+    """Put a generator into the state that `pack` returned; InvalidArgumentError for numbers that it never returns."""
+    if not ((numbers >= 0) & (numbers < 2.0**32) & (numbers == np.floor(numbers))).all():
+        raise InvalidArgumentError(f"state of a random generator {numbers.tolist()}; expected integers of 32 bits")
     pieces = [int(number) for number in numbers]
     state = dict(rng.bit_generator.state)
     state["state"] = {

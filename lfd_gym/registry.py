@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 
 import gymnasium
 
-from lfd_gym.errors import InvalidArgumentError, MissingExtraError, RenderingUnavailableError, UnknownNameError
+from lfd_gym.errors import (
+    InvalidArgumentError, LfdGymError, MissingExtraError, RenderingUnavailableError, UnknownNameError,
+)  # fmt: skip
 
 EXTRAS = {
     "torch": "rl", "stable_baselines3": "rl", "sb3_contrib": "rl", "cma": "rl",
@@ -74,8 +76,10 @@ def kebab_case(env_id: str) -> str:
 def environment_id(name: str) -> str:
     """The full id of an environment given by its short name ("light-bulb"), its full id, or "module:id".
 
-    Raises UnknownNameError.
+    Raises UnknownNameError, InvalidArgumentError for what is not a name.
     """
+    if not isinstance(name, str):
+        raise InvalidArgumentError(f"environment {name!r}; expected a name such as 'light-bulb'")
     if name in ENVIRONMENTS or name in gymnasium.registry or re.fullmatch("[^:]+:[^:]+", name):
         return name
     short = {kebab_case(env_id): env_id for env_id in ENVIRONMENTS}
@@ -100,7 +104,9 @@ def make(name: str, /, **kwargs: Any) -> gymnasium.Env:
         check_arguments(load(entry.entry_point), own, f"environment '{kebab_case(env_id)}'")
     try:
         return gymnasium.make(env_id, **kwargs)
-    except (TypeError, ModuleNotFoundError, gymnasium.error.Error) as error:
+    except LfdGymError:
+        raise
+    except (TypeError, ValueError, ModuleNotFoundError, gymnasium.error.Error) as error:
         reason = str(error).partition(" was raised from")[0]
         raise InvalidArgumentError(f"environment '{name}' cannot be made with {kwargs}: {reason}") from error
 

@@ -16,7 +16,7 @@ class ViewPolicy:
     Its state is the decision (C,) that it holds and for how many control steps it has, (1,).
 
     Args:
-        agent: anything with `predict(flat observation, deterministic=...) -> (decision, _)`.
+        agent: anything with `predict(flat observation, deterministic=...) -> (decision, _)` that remembers nothing.
         view: that of the environment it was trained in, `RLView.view`.
     """
 

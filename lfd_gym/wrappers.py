@@ -36,7 +36,7 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
         env: a manipulation environment made with `terminate_on_success=False`.
 
     Raises:
-        InvalidArgumentError: another environment, or one that ends on success.
+        InvalidArgumentError: another environment, one that ends on success, or one whose spaces a wrapper has changed.
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
@@ -45,6 +45,8 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
         world: Any = env.unwrapped
         if getattr(world, "terminate_on_success", True):
             raise InvalidArgumentError("the RL view needs an environment made with terminate_on_success=False")
+        if env.action_space != world.action_space:
+            raise InvalidArgumentError("the RL view needs the environment's own actions; a wrapper below it changes them")
         self.view = View.of(env)
         self._latest: dict[str, NDArray[np.float64]] = {}
         self.action_space = Box(-1.0, 1.0, (len(self.view.controls),), np.float32)

@@ -223,6 +223,8 @@ def test_an_environment_can_be_pickled_and_copied(env: Any) -> None:
         assert_equal(original.reset(seed=5)[0], twin.reset(seed=5)[0])
         commands = actions(env, 20)
         np.testing.assert_array_equal(trajectory(original, commands), trajectory(twin, commands))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="copy"):
+        copy.deepcopy(original).step(commands[0])
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
@@ -296,9 +298,12 @@ def test_a_state_is_restored_exactly(env: Any) -> None:
     assert_equal(env.reset()[0], following)
 
 
-def test_a_state_of_the_wrong_size_is_refused(env: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match=r"expected \("):
-        env.set_state(np.zeros(3))
+def test_what_is_no_state_is_refused_and_changes_nothing(env: Any) -> None:
+    state = env.get_state()
+    for bad, reason in ((np.zeros(3), r"expected \("), (np.append(state[:-1], np.nan), "random generator")):
+        with pytest.raises(InvalidArgumentError, match=reason):
+            env.set_state(bad)
+        np.testing.assert_array_equal(env.get_state(), state)
 
 
 ELSEWHERE = """

@@ -111,6 +111,10 @@ def test_gymnasiums_own_arguments_pass_through_make() -> None:
     assert ends == [False, False, True]
     with pytest.raises(InvalidArgumentError, match="did you mean 'control_hz'"):
         make("move-object", max_episode_steps=3, control_hertz=25)
+    with pytest.raises(InvalidArgumentError, match="max_episode_steps"):
+        make("move-object", max_episode_steps=0)
+    with pytest.raises(InvalidArgumentError, match="expected a name"):
+        evaluate(env, RandomPolicy(), episodes=1, seed=100000)  # type: ignore[arg-type]
 
 
 def test_a_teacher_that_has_taught_can_be_sent_to_processes() -> None:

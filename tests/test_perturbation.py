@@ -204,6 +204,15 @@ def test_slippery_fingertips_decide_the_friction_of_a_contact() -> None:
     assert np.array_equal(world.model.geom_friction[world._tips, 0], usual)
 
 
+def test_a_slip_never_improves_a_grip() -> None:
+    env = make("move-object", fingertip_friction=0.05, perturbation={"slip": 0.5})
+    env.reset(seed=SEED)
+    world = env.unwrapped
+    world.data.time = next(t for t in np.arange(0.0, LATEST + 1.0, 0.02) if world._schedule.slips(t)) + 0.1
+    env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    assert set(world.model.geom_friction[world._tips, 0]) == {0.05}
+
+
 def test_a_perturbed_state_is_restored_exactly() -> None:
     strengths = {"tracking_position": 0.01, "wrench_noise": 0.2, "push_arm": 20.0, "push_object": 2.0, "slip": 0.5}
     env, other = make("move-object", perturbation=strengths), make("move-object", perturbation=strengths)

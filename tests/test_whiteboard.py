@@ -126,6 +126,19 @@ def test_ink_counts_within_four_millimetres(board, offset, counts):
     assert (board.tally().precision == 1.0) == counts
 
 
+def test_a_tally_is_of_the_ink_that_is_there_and_not_of_what_was_there_before():
+    strokes = [np.array([[-0.05, y], [end, y]]) for y, end in ((0.0, 0.03), (0.03, -0.01))]
+    one, other = (ink.Ink(strokes, np.zeros(ink.WORDS)) for _ in range(2))
+    for board, lengths in ((one, (0.03, 0.01)), (other, (0.01, 0.03))):
+        for (begin, _), length in zip(strokes, lengths, strict=True):
+            for x in np.arange(begin[0], begin[0] + length, 0.0005):
+                board.mark(x, begin[1])
+    assert one.tally()[:4] == other.tally()[:4]
+    assert one.tally().faintest > other.tally().faintest
+    one.memory[:] = other.memory
+    assert one.tally() == other.tally()
+
+
 def test_strays_cost_precision_and_dwelling_costs_nothing(board):
     for x in np.arange(-0.0499, 0.05, 0.0005):
         board.mark(x, 0.0)

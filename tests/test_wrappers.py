@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RescaleAction
 
 from lfd_gym.errors import InvalidActionError, InvalidArgumentError
 from lfd_gym.evaluation import check_fits, describe
@@ -84,9 +85,11 @@ def test_views_without_a_seed_differ_and_wait_for_a_reset() -> None:
         RLView(environment_class("lfd_gym/MoveObject-v0")(terminate_on_success=False))
 
 
-def test_view_refuses_an_environment_that_ends_on_success_and_bad_actions() -> None:
+def test_view_refuses_environments_that_end_on_success_or_are_not_as_made_and_bad_actions() -> None:
     with pytest.raises(InvalidArgumentError, match="terminate_on_success=False"):
         RLView(make("move-object"))
+    with pytest.raises(InvalidArgumentError, match="own actions"):
+        RLView(RescaleAction(make("move-object", terminate_on_success=False), 0.0, 1.0))
     env = view("move-object")
     env.reset(seed=100000)
     for action in (np.zeros(3), np.full(5, np.nan)):

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, cast
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box, Dict
 from gymnasium.utils import EzPickle
 from numpy.typing import ArrayLike, NDArray
@@ -140,7 +141,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._randomised: list[Array] = []
         """Views of the model fields that a reset may change; they are part of the state."""
         self._hidden = np.zeros(self.n_hidden)
-        self._broken = False
+        self._broken = self._ready = False
         self._subtask_keys = tuple(f"subtask/{name}" for name in self.subtasks)
         self._held = -self.dt
         """Since when the predicate holds [s]; one step below zero while it does not."""
@@ -236,12 +237,15 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._held = -self.dt
         self.after_physics()
         observation = self._observe()
+        self._ready = True
         if self.render_mode == "human":
             self.render()
         return observation, self._info(self.succeeded())
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
-        """Command a goal for one control step. Raises InvalidActionError for NaN and wrong shapes."""
+        """Command a goal for one control step. Raises InvalidActionError for NaN or a wrong shape, ResetNeeded before a reset."""
+        if not self._ready:
+            raise ResetNeeded("an environment, and a copy of one, needs a reset or set_state before its first step")
         self.robot.command(action)
         if self._schedule.acts:
             self._perturb(self.data.time)
@@ -342,7 +346,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         )
 
     def set_state(self, state: ArrayLike) -> None:
-        """Restore what `get_state` returned, also in a fresh process. Raises InvalidArgumentError for another size."""
+        """Restore what `get_state` returned, also in a fresh process. Raises InvalidArgumentError for what it never returns."""
         array = np.asarray(state, dtype=np.float64)
         expected = self.get_state().shape
         if array.shape != expected:
@@ -350,6 +354,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         sizes = [mujoco.mj_stateSize(self.model, _STATE), self.model.nsensordata, self.robot.state_size]
         sizes += [view.size for view in self._randomised] + [self.n_hidden, 1, self._schedule.state.size]
         physics, sensors, robot, *varied, hidden, held, schedule, rng = np.split(array, np.cumsum(sizes))
+        random_state.unpack(self.np_random, rng)
         for view, values in zip(self._randomised, varied, strict=True):
             view[...] = values.reshape(view.shape)
         if self._randomised:
@@ -365,7 +370,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         self._hidden[:], self._held = hidden, float(held[0])
         self._broken = not np.isfinite(physics).all()
         self.after_physics()
-        random_state.unpack(self.np_random, rng)
+        self._ready = True
 
     # inside
 
@@ -415,7 +420,9 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         """Push the arm and an object, make the fingertips slippery, as scheduled for a control step that begins then [s]."""
         schedule = self._schedule
         self._push(*schedule.pushes(time))
-        self._set_tips(*((SLIPPERY, TIPS_FIRST) if schedule.slips(time) else self._tip_contact))
+        friction, priority = self._tip_contact
+        slippery = np.minimum(friction, SLIPPERY), TIPS_FIRST
+        self._set_tips(*(slippery if schedule.slips(time) else (friction, priority)))
 
     def _push(self, arm: ArrayLike, thing: ArrayLike) -> None:
         """Forces (3,) on the arm and on the object that may be pushed, world frame [N]."""
