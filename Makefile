@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 THREADS := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint bench pictures mutants clean
+.PHONY: demo test test-slow lint bench pictures mutants uncache clean
 
 demo: $(VENV)/installed
 	$(BIN)/lfd-gym demo --out report
@@ -45,6 +45,8 @@ $(VENV)/installed-dev: pyproject.toml constraints.txt
 	$(INSTALL) -e '.[data,dev,rl]'
 	touch $@ $(VENV)/installed
 
-clean:
-	rm -rf $(VENV) build dist report .mypy_cache .pytest_cache .ruff_cache
+clean: uncache
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache
+
+uncache:
 	find lfd_gym policies scripted_teachers tests -name __pycache__ -type d -prune -exec rm -rf {} +

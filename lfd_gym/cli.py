@@ -334,6 +334,8 @@ def experiment(
         if not isinstance(value, hints[setting]):
             wanted = getattr(hints[setting], "__name__", hints[setting])
             raise InvalidArgumentError(f"--set {setting}={value}: it must be of type {wanted}")
+        if isinstance(value, int) and value < 1:
+            raise InvalidArgumentError(f"--set {setting}={value}: it must be 1 or more")
     file = Rows(out, quick).folder / "table.md"
     check_writable(file)
     table = run(out, quick, jobs, **given)

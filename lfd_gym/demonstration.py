@@ -206,8 +206,8 @@ def check_measured(name: str, demonstration: Demonstration, needs: Sequence[str]
 
 def check_quaternions(what: str, quaternions: np.ndarray) -> None:
     """Raise DemonstrationError for a quaternion (N, 4) that is no orientation."""
-    if not (np.linalg.norm(quaternions, axis=1) > 1e-6).all():
-        raise DemonstrationError(f"a quaternion in {what} has no length; repeat the demonstration")
+    if not (np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) < 1e-3).all():
+        raise DemonstrationError(f"a quaternion in {what} is not of length 1; repeat the demonstration")
 
 
 def taught_seeds(demonstrations: Sequence[Demonstration]) -> tuple[int, ...]:

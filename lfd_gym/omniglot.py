@@ -7,6 +7,7 @@ drawing, each between START and BREAK, one point "x,y,milliseconds" per line; y 
 
 import os
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -72,8 +73,8 @@ def _alike(drawn: list[Array]) -> list[Array]:
 
 
 def _resampled(stroke: Array, n_points: int) -> Array:
-    """x, y at equal times; of points with one time the last counts."""
-    time = stroke[:, 2]
+    """x, y at equal times; of points with one time the last counts, and a clock that goes backwards stands."""
+    time = np.maximum.accumulate(stroke[:, 2])
     last = np.append(np.diff(time) > 0.0, True)
     at = np.linspace(time[last][0], time[last][-1], n_points)
     return np.stack([np.interp(at, time[last], stroke[last, i]) for i in range(2)], axis=1)
@@ -86,7 +87,7 @@ def _files(path: Path) -> Iterator[tuple[PurePosixPath, str]]:
                 yield name, content().decode()
     except FileNotFoundError as error:
         raise DemonstrationError(f"there is no file '{path}'; {HOW_TO_GET}") from error
-    except (zipfile.BadZipFile, UnicodeDecodeError) as error:
+    except (zipfile.BadZipFile, zlib.error, UnicodeDecodeError) as error:
         raise DemonstrationError(f"'{path}' holds what cannot be read; {HOW_TO_GET}") from error
 
 
@@ -121,10 +122,12 @@ def _strokes(name: PurePosixPath, text: str) -> tuple[Array, ...]:
             points = []
         else:
             try:
-                x, y, t = (float(value) for value in line.split(","))
-            except ValueError as error:
-                raise DemonstrationError(f"'{name}' has a line '{line}'; expected x,y,milliseconds") from error
-            points.append([x, y, t])
+                point = [float(value) for value in line.split(",")]
+            except ValueError:
+                point = []
+            if len(point) != 3 or not np.isfinite(point).all():
+                raise DemonstrationError(f"'{name}' has a line '{line}'; expected x,y,milliseconds")
+            points.append(point)
     if not strokes:
         raise DemonstrationError(f"'{name}' has no stroke")
     return tuple(strokes)

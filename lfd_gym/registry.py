@@ -15,8 +15,12 @@ from typing import Any, NamedTuple
 import gymnasium
 
 from lfd_gym.errors import (
-    InvalidArgumentError, LfdGymError, MissingExtraError, RenderingUnavailableError, UnknownNameError,
-)  # fmt: skip
+    InvalidArgumentError,
+    LfdGymError,
+    MissingExtraError,
+    RenderingUnavailableError,
+    UnknownNameError,
+)
 
 EXTRAS = {
     "torch": "rl", "stable_baselines3": "rl", "sb3_contrib": "rl", "cma": "rl",

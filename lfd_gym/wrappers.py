@@ -46,7 +46,9 @@ class RLView(gymnasium.Wrapper, RecordConstructorArgs):
         if getattr(world, "terminate_on_success", True):
             raise InvalidArgumentError("the RL view needs an environment made with terminate_on_success=False")
         if env.action_space != world.action_space:
-            raise InvalidArgumentError("the RL view needs the environment's own actions; a wrapper below it changes them")
+            raise InvalidArgumentError(
+                "the RL view needs the environment's own actions; a wrapper below it changes them"
+            )
         self.view = View.of(env)
         self._latest: dict[str, NDArray[np.float64]] = {}
         self.action_space = Box(-1.0, 1.0, (len(self.view.controls),), np.float32)

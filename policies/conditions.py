@@ -69,7 +69,7 @@ class Conditions:
     def __init__(self, data: PassageData, node: int, features: Sequence[Feature], alike: Sequence[Array] = ()) -> None:
         """alike: features (N, n) of passages of the same primitive through other nodes."""
         self.data, self.node, self.features, self.alike = data, node, features, alike
-        self.own = [i for i, feature in enumerate(features) if feature.primitive == data.graph.labels[node]]
+        self.own = [i for i, f in enumerate(features) if node != 0 and f.primitive == data.graph.labels[node]]
         self.events = [i for i, feature in enumerate(features) if feature.column >= 0]
         self.observed = [i for i in self.events if not features[i].name.startswith(MOTION)]
 
@@ -93,6 +93,12 @@ class Conditions:
         for e, context in self._context([s for s in seen if s.exit in confused and len(s.go)]).items():
             waits[e] = waits[e]._replace(context=context)
         return waits, seen
+
+    def at_the_start(self, seen: list[Seen]) -> dict[int, Waits]:
+        """What tells the exits of node 0 apart, which wait for nothing; all features where nothing does."""
+        context = self._context([s for s in seen if len(s.go)])
+        needed = any(context.values())
+        return {e: Waits(set(), own if needed else set(range(len(self.features))), False) for e, own in context.items()}
 
     def _event(self, seen: list[Seen], exit_: int) -> Event | None:
         """The named observation whose change ended the passages to an exit."""

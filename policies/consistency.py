@@ -119,6 +119,7 @@ def check_path(
         _check_index(path["frame"], 0, n_frames, "frame")
         _check_starts(path["start"][:-1], len(path["frame"]), steps)
         check(path["start"][-1] == steps, "start")
+        check(math.isclose(path["dt"], dt), "dt")
 
 
 def check_view(view: View) -> None:
@@ -164,7 +165,7 @@ def _check_shapes(arrays: Mapping[str, Any], shapes: Mapping[str, str], **sizes:
 
 def _check_finite(arrays: Mapping[str, Any]) -> None:
     for name, array in arrays.items():
-        check(bool(np.isfinite(array).all()), name)
+        check(np.asarray(array).dtype.kind in "biuf" and bool(np.isfinite(array).all()), name)
 
 
 def _check_starts(starts: Any, n: int, stop: int) -> None:

@@ -80,7 +80,7 @@ class DecompositionLearner(Learner):
                 stacklevel=3,
             )
         taught = [dataclasses.replace(demonstrations[m], labels=labels[m], primitives=primitives) for m in kept]
-        skill = learner.fit(taught).skill_
+        skill = learner.learn(taught)
         learned = f"decomposition, {self.method}, {skill.metadata['learner']}"
         metadata = {**skill.metadata, "learner": learned, "parameters": self.get_params()}
         return skill.with_facts(taught_seeds=taught_seeds(demonstrations), metadata=metadata)

@@ -2,7 +2,7 @@
 
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 import numpy as np
@@ -46,7 +46,7 @@ class Learner(BaseEstimator, ABC):
         Raises DemonstrationError where they are missing, do not belong together, or cannot be learned from, and
         InvalidArgumentError for an argument of the constructor that is not possible.
         """
-        demonstrations = list(demonstrations)
+        demonstrations = list(demonstrations) if isinstance(demonstrations, Iterable) else [None]
         if not all(isinstance(demonstration, Demonstration) for demonstration in demonstrations):
             raise DemonstrationError("no demonstrations were given; `load_demonstrations` reads them from a file")
         check_same_environment(demonstrations)

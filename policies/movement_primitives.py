@@ -45,6 +45,8 @@ SMALLEST_SCATTER = 0.001
 PRESSES, GRIP = 0.5, 0.25
 """A hand joint whose drive bears more than this torque [N m] at the end of a movement presses against something; its
 goal lies beyond where it stalled, by this angle [rad], which is enough for all the torque that a drive gives."""
+HELD_TIME = 0.2
+"""What it bears is the median over the last time of a movement [s]."""
 PRESSED_SHARE = 0.25
 """A joint presses if it did in this share of the segments: of fingers that oppose each other not all bear torque each time."""
 SLOWEST, GENTLEST = 0.1, 0.5
@@ -126,7 +128,11 @@ def learn_primitives(
             _check_shared(names, begun, _apart(table, goal, k, int(i)))
             goal[k, i] = _goal(list(begun.values()), time, dead_band, dt)
         if "hand_torque" in demonstrations[0].observations:
-            torque = np.array([demonstrations[m].observations["hand_torque"][at.stop - 1] for (m, at), _ in whole])
+            held = [
+                demonstrations[m].observations["hand_torque"][at][-max(round(HELD_TIME / dt), 1) :]
+                for (m, at), _ in whole
+            ]
+            torque = np.array([np.median(rows, axis=0) for rows in held])
             grip[k] = _grip(torque) * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):
             forces = [_pressed(demonstrations[m], measurements[m], at, table, k)[:, i] for (m, at), _ in whole]

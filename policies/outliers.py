@@ -187,13 +187,18 @@ def _frames(demonstration: Demonstration, frame: str, steps: NDArray[np.int64]) 
 def _positions(
     demonstrations: Sequence[Demonstration], last: Sequence[NDArray[np.int64]], control: EntityControl
 ) -> list[Array]:
-    """Tool positions in the frame (s, d) [m], along the axes that are controlled; in other spaces than Cartesian all."""
-    controlled = [axis == "position" or control.space != "cartesian" for axis in control.axes]
+    """Tool positions in the frame (s, d) [m] along the controlled axes; all if an angle is controlled, else the radius."""
+    cylindrical = control.space == "cylindrical"
+    turned = cylindrical and control.axes[1] == "position"
+    controlled = [axis == "position" or turned for axis in control.axes]
     values = []
     for demonstration, steps in zip(demonstrations, last, strict=True):
         origin, turn = _frames(demonstration, control.frame, steps)
         tool = demonstration.observations["tool_position"][steps]
-        values.append(turn.inv().apply(tool - origin).reshape(-1, 3)[:, controlled])
+        local = turn.inv().apply(tool - origin).reshape(-1, 3)
+        if cylindrical and not turned:
+            local[:, 0] = np.hypot(local[:, 0], local[:, 1])
+        values.append(local[:, controlled])
     return values
 
 

@@ -12,6 +12,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError, UnknownName
 from policies.arguments import check_flag, check_number
 from policies.features import KINDS
 from policies.goals import TIMES, NormalisedTime
+from policies.late_labels import on_time
 from policies.learner import Learner
 from policies.movement_primitives import MovementPrimitives, learn_primitives
 from policies.named_observations import NamedObservations, named_observations
@@ -94,6 +95,7 @@ class SequenceGraphLearner(Learner):
             check_measured(f"demonstration {i}", demonstration, needed)
         demonstrations = self._alike(demonstrations)
         measurements = [measure(demonstration.observations, table.frames) for demonstration in demonstrations]
+        demonstrations = [on_time(d, own, table) for d, own in zip(demonstrations, measurements, strict=True)]
         labels = [demonstration.labels for demonstration in demonstrations]
         primitives = learn_primitives(names, table, demonstrations, measurements, self.time)
         _warn_of_missing_forces(primitives, labels)

@@ -5,7 +5,9 @@ A skill's file is one `npz` of plain arrays and a JSON header with a schema vers
 
 import json
 import os
+import tokenize
 import zipfile
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,6 +22,11 @@ from lfd_gym.paths import written_whole
 SCHEMA = "lfd_gym.skill/4"
 HEADER = "header"
 """Name of the array that holds the JSON header."""
+DAMAGED = (
+    OSError, TypeError, ValueError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error,
+    tokenize.TokenError,
+)  # fmt: skip
+"""What a file that is no skill, or is damaged, raises as it is read."""
 SKILLS: dict[str, str] = {
     "sequence-graph": "policies.sequence_graph_skill:SequenceGraphSkill",
     "path": "policies.path_skill:PathSkill",
@@ -145,7 +152,7 @@ def read_skill_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[
         header = json.loads(str(arrays.pop(HEADER)))
     except FileNotFoundError:
         raise SkillFileError(f"no skill at '{path}'; 'lfd-gym learn' writes one") from None
-    except (OSError, TypeError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise SkillFileError(f"'{path}' is no skill, or is damaged; 'lfd-gym learn' writes skills") from error
     if not isinstance(header, dict) or header.get("schema") != SCHEMA:
         found = header.get("schema") if isinstance(header, dict) else None

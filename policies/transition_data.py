@@ -73,6 +73,7 @@ class TransitionData:
         self.library = {k: goal_distance_features(data, k, kind) for k in data.labels}
         self.observed = observed_features(data)
         self.whole_way = {k: whole_way_features(data, k) for k in data.labels if kind == "entity"}
+        self.several_starts = kind == "entity" and len({p.exit for p in data.passages if p.node == 0}) > 1
 
     def node(self, node: int) -> NodeData | None:
         """Training data of a node; None where it has no successor."""
@@ -84,7 +85,9 @@ class TransitionData:
             exits = (*exits, END)
         candidates = self._candidates(node, exits)
         seen = self._passages(node, exits, candidates)
-        if self.kind == "primitive" or node == 0 or not any(len(s.way) for s in seen):
+        if node == 0 and self.several_starts:
+            waits = Conditions(self.data, node, candidates).at_the_start(seen)
+        elif self.kind == "primitive" or node == 0 or not any(len(s.way) for s in seen):
             waits = {e: Waits(set(range(len(candidates))), set(), False) for e in exits}
         else:
             alike = [self._features(p, candidates) for p in self.data.passages if self.data.alike(p, node)]
@@ -99,11 +102,13 @@ class TransitionData:
         return len(ended) > 1 or (len(ended) == 1 and len(through) == 1)
 
     def _candidates(self, node: int, exits: tuple[int, ...]) -> list[Feature]:
-        labels = dict.fromkeys(self.data.graph.labels[n] for n in (node, *exits) if n not in (0, END))
-        if self.kind == "primitive" or node == 0:
+        graph = self.data.graph
+        labels = dict.fromkeys(graph.labels[n] for n in (node, *exits) if n not in (0, END))
+        if self.kind == "primitive" or (node == 0 and not self.several_starts):
             return [*(f for k in labels for f in self.library[k]), *self.observed * (self.kind == "primitive")]
-        own, *others = labels
-        return [*self.library[own], *self.observed, *(f for k in others for f in self.whole_way[k])]
+        own = self.library[graph.labels[node]] if node else []
+        others = [k for k in labels if node == 0 or k != graph.labels[node]]
+        return [*own, *self.observed, *(f for k in others for f in self.whole_way[k])]
 
     def _passages(self, node: int, exits: tuple[int, ...], features: list[Feature]) -> list[Seen]:
         """Passages through a node. Those not stopped early show their exit; from anywhere if none was observed here.

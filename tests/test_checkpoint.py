@@ -42,3 +42,12 @@ def test_trainings_have_setups_of_their_own(tmp_path: Path) -> None:
     assert TRAINING_SEED + SEEDS_PER_RUN * MOST_RUNS <= PRACTICE_SEED
     with pytest.raises(InvalidArgumentError, match="seed 1024; possible: 0 to 1023"):
         train("sac", "move-object", Schedule(32), tmp_path / "t", seed=MOST_RUNS)
+    assert not (tmp_path / "t").exists()
+
+
+def test_a_folder_without_a_checkpoint_belongs_to_nobody(tmp_path: Path) -> None:
+    TrainingFolder(tmp_path, {"seed": 0})
+    TrainingFolder(tmp_path, {"seed": 1})
+    (tmp_path / "checkpoint-000000064").mkdir()
+    with pytest.raises(InvalidArgumentError, match="checkpoints of another training"):
+        TrainingFolder(tmp_path, {"seed": 0})

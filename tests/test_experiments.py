@@ -343,10 +343,16 @@ def test_practice_is_compared_with_the_skill_it_started_from(tmp_path: Path, mon
         finetuning.run(tmp_path, True, 1, only="light-bulb")
     table = finetuning.run(tmp_path, True, 1)
     assert "| move-object | sequence-graph-lr-at-once | 1 | 1 | 0 | cma |" in table
-    monkeypatch.setattr(finetuning, "load_skill", lambda path: pytest.fail("a finished row was made again"))
-    assert finetuning.run(tmp_path, True, 1) == table
-    monkeypatch.setattr(finetuning, "QUICK_PRACTICE", 32)
-    with pytest.raises(InvalidArgumentError, match="16 episodes of practice"):
+    with monkeypatch.context() as finished:
+        finished.setattr(finetuning, "load_skill", lambda path: pytest.fail("a finished row was made again"))
+        assert finetuning.run(tmp_path, True, 1) == table
+        finished.setattr(finetuning, "QUICK_PRACTICE", 32)
+        with pytest.raises(InvalidArgumentError, match="16 episodes of practice"):
+            finetuning.run(tmp_path, True, 1)
+    after, before = tmp_path / "quick" / f"{case.name}-cma.json", tmp_path / "quick" / f"{case.name}.json"
+    after.unlink()
+    before.write_text(json.dumps(json.loads(before.read_text()) | {"skill": "another"}))
+    with pytest.raises(InvalidArgumentError, match="is of another skill, or says not of which"):
         finetuning.run(tmp_path, True, 1)
 
 

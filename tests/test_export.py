@@ -65,6 +65,18 @@ def test_an_episode_that_success_did_not_end_is_truncated(tmp_path: Path, monkey
     assert episode.truncations.tolist() == [False] * (len(shown[0]) - 1) + [True]
 
 
+def test_seed_and_options_make_the_setup_that_was_shown_twice(tmp_path: Path, monkeypatch) -> None:
+    shown = record("move-object", MoveObjectTeacher(noise=0.0), n=2, seed=77, repeat=2).demonstrations
+    assert shown[0].setup == shown[1].setup
+    to_minari(shown, tmp_path, ID)
+    monkeypatch.setenv(ROOT, str(tmp_path))
+    read = minari.load_dataset(ID)
+    env = read.recover_environment()
+    for facts, demonstration in zip(read.storage.get_episode_metadata([0, 1]), shown, strict=True):
+        env.reset(seed=facts["seed"], options=facts["options"])
+        np.testing.assert_array_equal(env.unwrapped.get_state(), demonstration.states[0])
+
+
 def test_an_episode_whose_seed_is_not_known_has_none(shown, tmp_path: Path, monkeypatch) -> None:
     to_minari([replace(shown[0], seed={}, teacher={}), shown[1]], tmp_path, ID)
     monkeypatch.setenv(ROOT, str(tmp_path))

@@ -344,6 +344,8 @@ def test_skills_that_cannot_practise_are_refused(skill: SequenceGraphSkill, tmp_
     ):
         with pytest.raises(InvalidArgumentError, match=says):
             finetuning.finetune(*arguments, tmp_path / "t")
+    with pytest.raises(InvalidArgumentError, match="seed 4294967295; possible: 0 to 1023"):
+        finetuning.finetune("cma", skill, ENV_ID, 32, tmp_path / "t", seed=2**32 - 1)
     with pytest.raises(InvalidArgumentError, match="control_hz=50"):
         finetuning.finetune("cma", skill, ENV_ID, 32, tmp_path / "t", env_kwargs={"control_hz": 25.0})
     with pytest.raises(InvalidArgumentError, match="'reward_type' is decided by the method"):

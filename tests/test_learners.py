@@ -149,19 +149,24 @@ def test_measurements_that_are_no_numbers_are_refused(method: str, taught: list[
             new(method).fit([*taught[1:], broken])
 
 
-def test_quaternions_without_length_are_refused(method: str, taught: list[Demonstration]) -> None:
+def test_quaternions_that_are_not_of_length_one_are_refused(method: str, taught: list[Demonstration]) -> None:
     first = taught[0]
     for name in ("tool_quaternion", "frame_object"):
-        rows = first.observations[name].copy()
-        rows[0, -4:] = 0.0
-        broken = dataclasses.replace(first, observations={**first.observations, name: rows})
-        with pytest.raises(DemonstrationError, match=f"a quaternion in '{name}' of demonstration 2 has no length"):
-            new(method).fit([*taught[1:], broken])
+        for factor in (0.0, 1.01):
+            rows = first.observations[name].copy()
+            rows[0, -4:] *= factor
+            broken = dataclasses.replace(first, observations={**first.observations, name: rows})
+            with pytest.raises(
+                DemonstrationError, match=f"a quaternion in '{name}' of demonstration 2 is not of length 1"
+            ):
+                new(method).fit([*taught[1:], broken])
 
 
 def test_what_is_no_demonstration_is_refused(method: str) -> None:
     with pytest.raises(DemonstrationError, match="load_demonstrations"):
         new(method).fit("demos.h5")
+    with pytest.raises(DemonstrationError, match="load_demonstrations"):
+        new(method).fit(None)
 
 
 def test_demonstrations_that_failed_are_named(method: str, taught: list[Demonstration]) -> None:

@@ -225,6 +225,15 @@ def test_one_step_weights_all_directions_by_their_variance():
     np.testing.assert_allclose(other.one_step_.covariances, covariances, rtol=0.02)
 
 
+def test_one_step_ends_where_nothing_is_left_to_explain():
+    s = np.linspace(0.0, 1.0, 60)[:, None]
+    s = 3.0 * s**2 - 2.0 * s**3
+    points = [np.hstack([s, np.sin(3.0 * s)])]
+    moa = MixtureOfAttractors(None, objective="one-step").fit(points)
+    assert moa.one_step_.converged
+    assert np.isfinite(moa.one_step_.covariances).all()
+
+
 def test_moving_goals_follow_their_frames():
     rng = np.random.default_rng(14)
     _, _, points, frames = planted(rng, noise=0.01)

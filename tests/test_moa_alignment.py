@@ -158,9 +158,10 @@ def test_frames_join_at_rest_and_moving():
         lambda: Frames(np.zeros((2, 3)), np.zeros((2, 2, 2))),
         lambda: Frames(np.zeros((0, 2)), np.zeros((0, 2, 2))),
         lambda: Frames(np.full((1, 2), np.nan), np.eye(2)[None]),
+        lambda: Frames(np.zeros((1, 2)), 0.5 * np.eye(2)[None]),
         lambda: Frames.of_poses(np.zeros((1, 6))),
     ],
 )
 def test_malformed_frames_are_refused(wrong):
-    with pytest.raises(InvalidArgumentError, match="frames have origins|not finite|poses are"):
+    with pytest.raises(InvalidArgumentError, match="frames have origins|not finite|not orthogonal|poses are"):
         wrong()

@@ -8,11 +8,14 @@ from moa_scenes import planted, random_feasible, random_frames, setting
 from scipy.optimize import check_grad
 
 from lfd_gym.errors import UnknownNameError
+from lfd_gym.experiments.letters import own_drawings
 from policies.moa import normal_matrix
 from policies.moa.attractors import BoxAttractors, join, projected, split
 from policies.moa.generic_solver import quadratic_program, solve_generic
 from policies.moa.interior_point import solve
+from policies.moa.mixture_of_attractors import MixtureOfAttractors
 from policies.moa.softmax import cost_and_gradient, solve_softmax
+from policies.moa.start_and_end import start_and_end
 from policies.moa.tie_break import break_tie, nearness
 from policies.moa.tracking import TrackingProblem
 
@@ -187,6 +190,13 @@ def test_thesis_size_needs_little_memory():
     assert found.relative_gap <= 1e-6
     assert found.n_iterations <= 25
     assert peak < 20e6
+
+
+def test_every_single_letter_is_solved():
+    for drawn in own_drawings().values():
+        for x in drawn[:3]:
+            for frames in (None, [start_and_end(x)]):
+                assert solve(MixtureOfAttractors(20, aligned=True).setting([x], frames).problem()).converged
 
 
 def test_a_solver_that_is_not_installed():

@@ -1,10 +1,14 @@
 """Named observations as features (thesis 2.5.3)."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from slipping_world import ABOVE, BEGIN, BESIDE, CLOSE, LIFT, solve, teach
 
 from lfd_gym.errors import UnknownNameError
 from policies.named_observations import named_observations
+from policies.sequence_graph_learner import SequenceGraphLearner
 
 SHOWN = [
     {
@@ -54,3 +58,17 @@ def test_unknown_names_and_poses_are_refused(name):
         UnknownNameError, match=f"no observation for features '{name}'.*possible: cylinder, hand_torque"
     ):
         named_observations(SHOWN, (name,))
+
+
+def test_what_kind_of_object_lies_there_decides_how_to_begin():
+    def at_once(demonstration):
+        begun = int(np.argmax(demonstration.labels != BEGIN))
+        parts = {name: getattr(demonstration, name)[begun:] for name in ("actions", "rewards", "labels", "states")}
+        seen = {name: rows[begun:] for name, rows in demonstration.observations.items()}
+        return dataclasses.replace(demonstration, observations=seen, **parts)
+
+    shown = [at_once(teach(seed, tall)) for seed, tall in ((0, False), (1, True), (2, False), (3, True))]
+    skill = SequenceGraphLearner().fit(shown).skill_
+    for seed in range(10, 16):
+        for tall in (False, True):
+            assert solve(skill, seed, tall) == (True, [BESIDE if tall else ABOVE, CLOSE, LIFT])

@@ -79,6 +79,13 @@ def test_a_drawing_without_time_is_left_out():
     assert len(single_strokes(drawings, 10)["character01"]) == 1
 
 
+def test_a_clock_that_goes_backwards_stands():
+    strokes = [np.array([[0.0, 0.0, 0.0], [5.0, 3.0, 0.1], [7.0, 3.0, time], [9.0, 0.0, 0.2]]) for time in (0.1, 0.05)]
+    drawings = [Drawing("Latin", "character01", i, (stroke,)) for i, stroke in enumerate(strokes)]
+    one, other = single_strokes(drawings, 10)["character01"]
+    np.testing.assert_array_equal(one, other)
+
+
 def test_an_alphabet_that_is_not_there(archive):
     with pytest.raises(UnknownNameError, match="no alphabet 'Latn' .did you mean 'Latin'.*Greek, Latin"):
         read_drawings(archive, "Latn")
@@ -89,6 +96,7 @@ def test_an_alphabet_that_is_not_there(archive):
     [
         ("START\n1,2\nBREAK\n", "has a line '1,2'; expected x,y,milliseconds"),
         ("START\n1,2,x\nBREAK\n", "has a line '1,2,x'"),
+        ("START\n1,nan,2\nBREAK\n", "has a line '1,nan,2'"),
         ("START\nBREAK\n", "has no stroke"),
     ],
 )
@@ -108,3 +116,18 @@ def test_files_that_hold_no_drawings(tmp_path):
     (tmp_path / "bad.zip").write_bytes(b"no zip")
     with pytest.raises(DemonstrationError, match="holds what cannot be read; download"):
         read_drawings(tmp_path / "bad.zip", "Latin")
+
+
+def test_a_zip_file_with_a_bit_that_has_flipped(tmp_path):
+    with zipfile.ZipFile(tmp_path / "strokes.zip", "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("Latin/character01/0001_01.txt", LINE * 9)
+    whole = (tmp_path / "strokes.zip").read_bytes()
+    start = whole.index(b".txt") + len(".txt")
+    refused = 0
+    for i in range(start, start + 40):
+        (tmp_path / "bad.zip").write_bytes(whole[:i] + bytes([whole[i] ^ 0x10]) + whole[i + 1 :])
+        try:
+            read_drawings(tmp_path / "bad.zip", "Latin")
+        except DemonstrationError:
+            refused += 1
+    assert refused > 20

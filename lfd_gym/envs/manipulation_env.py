@@ -243,7 +243,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         return observation, self._info(self.succeeded())
 
     def step(self, action: ArrayLike) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
-        """Command a goal for one control step. Raises InvalidActionError for NaN or a wrong shape, ResetNeeded before a reset."""
+        """Command a goal for one control step. Raises InvalidActionError (NaN, a wrong shape), ResetNeeded before a reset."""
         if not self._ready:
             raise ResetNeeded("an environment, and a copy of one, needs a reset or set_state before its first step")
         self.robot.command(action)

@@ -36,7 +36,8 @@ TIP_RADIUS = 0.004
 ENOUGH = 0.9
 """Share of all wanted strokes that must be inked, and of the ink that must lie on them."""
 LEAST = 0.5
-"""Share of every single stroke that must be inked, however short it is: a letter without its bar is another letter."""
+"""Share of every stroke of the pen that must be inked, however short it is: a letter without its bar is another letter. What
+is less than half a stroke, or a tenth of the ink, does not tell letters apart: P passes for R in a word, and T for I."""
 LIFTED = 0.10
 """The pen has withdrawn from the boards [m]."""
 

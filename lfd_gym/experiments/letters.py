@@ -5,11 +5,14 @@ MoA and MoA-S have a frame at each, the DMP its start and goal; GMR learns veloc
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfd_gym.alphabet import LETTERS, sample
+from lfd_gym.errors import DemonstrationError, InvalidArgumentError
+from lfd_gym.experiments.rows import Rows
 from lfd_gym.omniglot import read_drawings, single_strokes
 from policies.moa.alignment import align
 from policies.moa.frames import Frames, resample
@@ -25,6 +28,8 @@ Model = Callable[[Array], Array]
 
 N_POINTS, DT = 100, 0.02
 """Of a drawing, and between them [s]: two seconds."""
+FEWEST = 3
+"""Drawings of a character."""
 N_SUPPORT, N_GAUSSIANS = 20, 15
 """As in the thesis."""
 OWN_DRAWINGS = 10
@@ -33,9 +38,24 @@ OWN = f"our own alphabet, each drawn {OWN_DRAWINGS} times at random"
 
 
 def drawings(data: str | None, alphabet: str) -> dict[str, Array]:
-    """Per character the aligned drawings (M, N_POINTS, 2); of our own alphabet where there is no file."""
+    """Per character the aligned drawings (M, N_POINTS, 2); of our own alphabet where there is no file.
+
+    Raises DemonstrationError where no character has enough of them.
+    """
     found = own_drawings() if data is None else single_strokes(read_drawings(data, alphabet), N_POINTS)
-    return {character: aligned(drawn) for character, drawn in found.items() if len(drawn) > 2}
+    enough = {character: aligned(drawn) for character, drawn in found.items() if len(drawn) >= FEWEST}
+    if not enough:
+        raise DemonstrationError(f"no character of '{data}', {alphabet}, has {FEWEST} drawings in one stroke")
+    return enough
+
+
+def kept(rows: Rows, name: str, drawn: Array, result: Callable[[Array], dict[str, Any]]) -> dict[str, Any]:
+    """The row of one character. Raises InvalidArgumentError for a row of other drawings."""
+    facts = {"drawings": len(drawn), "spread": float(np.sqrt((drawn**2).sum(axis=2).mean()))}
+    row: dict[str, Any] = rows.kept(name, lambda: facts | result(drawn))
+    if row.get("drawings") != facts["drawings"] or not np.isclose(row.get("spread", 0.0), facts["spread"], rtol=1e-3):
+        raise InvalidArgumentError(f"the row '{name}' is of other drawings; choose another --out, or remove it")
+    return row
 
 
 def own_drawings() -> dict[str, list[Array]]:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lfd_gym.experiments.figures import save
-from lfd_gym.experiments.letters import MODELS, OWN, drawings
+from lfd_gym.experiments.letters import MODELS, OWN, drawings, kept
 from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.omniglot import HOW_TO_GET
 from lfd_gym.progress import track
@@ -37,7 +37,7 @@ def run(out: Path, quick: bool, jobs: int, data: str | None = None, alphabet: st
     letters = dict(list(letters.items())[: QUICK_LETTERS if quick else None])
     name = "own" if data is None else alphabet
     results = [
-        rows.kept(f"{name}-{letter}", lambda drawn=drawn: _errors(drawn))  # type: ignore[misc]
+        kept(rows, f"{name}-{letter}", drawn, _errors)
         for letter, drawn in track(letters.items(), len(letters), "letters")
     ]
     most = sorted(letters, key=lambda letter: -len(letters[letter]))[:DRAWN_LETTERS]
@@ -70,12 +70,14 @@ def _table(results: Sequence[Mapping[str, Any]]) -> str:
         cells = [name]
         for kind in ("in-sample", "leave-one-out"):
             own, best = (np.array([result[kind][model] for result in results]) for model in (name, "MoA"))
-            cells += [f"{own.mean():.2f}", "" if name == "MoA" else _difference(own - best)]
+            compared = [] if name == "MoA" else [_difference(own - best), f"{np.median(own / best):.2f}"]
+            cells += [f"{own.mean():.2f}", *(compared or ["", ""])]
         table.append(cells)
     least = np.mean([result["least"] for result in results])
     moa = np.mean([result["in-sample"]["MoA"] for result in results])
-    table.append(["least", f"{least:.2f}", f"MoA is {100.0 * (moa / least - 1.0):.1f} % above", "", ""])
-    return markdown(["model", "in-sample", "minus MoA", "leave-one-out", "minus MoA"], table)
+    table.append(["least", f"{least:.2f}", f"MoA is {100.0 * (moa / least - 1.0):.1f} % above", "", "", "", ""])
+    compared = ["minus MoA", "over MoA's, median"]
+    return markdown(["model", "in-sample", *compared, "leave-one-out", *compared], table)
 
 
 def _difference(differences: Array) -> str:

@@ -16,7 +16,6 @@ from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
 from lfd_gym.seeds import DEVELOPMENT_SEED, FINAL_SEED
 
-"""First evaluation seed of the figures that are published, and of quick trials."""
 QUICK_EPISODES = 2
 CHUNK = 5
 """Episodes that one process performs at a time."""

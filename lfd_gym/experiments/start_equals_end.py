@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from lfd_gym.experiments.figures import save
-from lfd_gym.experiments.letters import MODELS, OWN, drawings
+from lfd_gym.experiments.letters import MODELS, OWN, drawings, kept
 from lfd_gym.experiments.rows import Rows, markdown
 from lfd_gym.report.figures import STYLE
 from policies.sequence_graph_drawing import COLOURS
@@ -30,10 +30,7 @@ def run(out: Path, quick: bool, jobs: int, data: str | None = None, alphabet: st
         shown = float(np.mean([_size(x) for x in drawn]))
         return {name: _size(_closed(drawn, name)) / shown for name in NAMES}
 
-    found = {
-        letter: rows.kept(f"{source}-{letter}", lambda drawn=drawn: sizes(drawn))  # type: ignore[misc]
-        for letter, drawn in letters.items()
-    }
+    found = {letter: kept(rows, f"{source}-{letter}", drawn, sizes) for letter, drawn in letters.items()}
     _draw(rows.folder / "start-equals-end.png", dict(list(letters.items())[:DRAWN]))
     table = []
     for name in NAMES:

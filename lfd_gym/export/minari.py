@@ -24,8 +24,8 @@ def to_minari(demonstrations: Sequence[Demonstration], root: str | os.PathLike[s
     """Write a data set below the folder `root`, whole or not at all, and return its own folder.
 
     `MINARI_DATASETS_PATH=root` lets `minari.load_dataset(dataset_id)` find it. Its environment is the one that was
-    demonstrated in. The infos of an episode are "label", the primitive that led to an observation (-1 for the first and
-    where there is none), and "state", which `set_state` takes.
+    demonstrated in; seed and options of an episode reset it to the setup that was shown. The infos of an episode are "label",
+    the primitive that led to an observation (-1 for the first and where there is none), and "state", which `set_state` takes.
 
     Raises MissingExtraError without the extra `data`, DemonstrationError for demonstrations of several environments, and
     InvalidArgumentError for an id that is malformed or taken and for an environment that is not registered by a string.
@@ -76,6 +76,7 @@ def _episode(minari: Any, i: int, demonstration: Demonstration) -> Any:
     return minari.data_collector.EpisodeBuffer(
         id=i,
         seed=demonstration.seed.get("reset"),
+        options={"setup": demonstration.setup},
         observations=dict(demonstration.observations),
         actions=demonstration.actions,
         rewards=demonstration.rewards.tolist(),

@@ -19,6 +19,9 @@ from policies.classifiers.gaussian_mixture import (
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9
+"""A feature whose values differ by less than this share of themselves is constant."""
+
 
 class GaussianMixtureClassifier(ClassifierMixin, BaseEstimator):
     """p(c|x) from class-conditional mixtures p(x|c) = sum_m pi_m N(x; mu_m, Sigma_m) and the classes' shares p(c).
@@ -57,7 +60,8 @@ class GaussianMixtureClassifier(ClassifierMixin, BaseEstimator):
             raise ValueError("no sample of any class has a positive weight; at least one is needed")
         mean = np.average(samples, axis=0, weights=weights)
         variance = np.average((samples - mean) ** 2, axis=0, weights=weights)
-        cloud = self.regularisation * np.where(np.ptp(samples, axis=0) > 0.0, variance, 1.0)
+        varies = np.ptp(samples, axis=0) > ROUNDING * np.abs(samples).max(axis=0)
+        cloud = self.regularisation * np.where(varies, variance, 1.0)
         mixtures = [self._best(samples[classes == c], weights[classes == c], cloud) for c in range(len(self.classes_))]
         self.n_iter_ = np.array([len(mixture.history) for mixture in mixtures])
         self.class_prior_ = np.bincount(classes, weights) / weights.sum()

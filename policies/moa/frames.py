@@ -14,17 +14,20 @@ Array = NDArray[np.float64]
 
 AT_REST = 1e-9
 """Frames that move less than this, in units of their origins and entries of their axes, stand still."""
+ORTHOGONAL = 1e-6
+"""Products of the axes of a frame differ by less than this from those of an orthogonal matrix."""
 
 
 @dataclass(frozen=True)
 class Frames:
     """F coordinate frames of a d-dimensional space, at one instant or at N time steps.
 
-    `axes` may be any d x d matrices that map local to world vectors. A space that stacks several entities, such as a point
-    and the columns of a rotation matrix, has block-diagonal axes.
+    `axes` are orthogonal matrices that map local to world vectors. A space that stacks several entities, such as a point and
+    the columns of a rotation matrix, has block-diagonal axes.
 
     Raises:
-        InvalidArgumentError: shapes that do not belong together, no frame, or values that are not finite.
+        InvalidArgumentError: shapes that do not belong together, no frame, values that are not finite, or frames at rest whose
+            axes are not orthogonal.
     """
 
     origins: Array
@@ -43,6 +46,8 @@ class Frames:
             raise InvalidArgumentError("the pose of a frame is not finite")
         if origins.ndim == 3 and np.ptp(origins, axis=0).max() < AT_REST and np.ptp(axes, axis=0).max() < AT_REST:
             origins, axes = origins[0], axes[0]
+        if origins.ndim == 2 and np.abs(axes @ axes.swapaxes(1, 2) - np.eye(origins.shape[1])).max() > ORTHOGONAL:
+            raise InvalidArgumentError("the axes of a frame are not orthogonal, or not of length one")
         origins.setflags(write=False)
         axes.setflags(write=False)
         object.__setattr__(self, "origins", origins)

@@ -24,6 +24,8 @@ SHORTEN = 0.999
 """Fraction of the way to the boundary that a step goes at most."""
 REGULARISATION = 1e-13
 """Added to the diagonal of the Newton matrix, relative to its largest Hessian entry: the Hessian is singular."""
+STEADIER = (0.0, 1e-11, 1e-9, 1e-7)
+"""Further shares of the diagonal, in turn until rounding leaves the matrix positive definite."""
 FIRST_DUAL = 0.03
 """Duals at the start, relative to the gradient: between 0.03 and 1 each factor of 3 costs half an iteration."""
 PULL = 0.1
@@ -68,7 +70,8 @@ def solve(
         if gap.relative <= tolerance:
             return Solution(z, cost, problem.error(z), gap.absolute, gap.relative, iteration, True)
         try:
-            state = method.advance(state, gradient)
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                state = method.advance(state, gradient)
         except np.linalg.LinAlgError:
             break
         if not np.isfinite(join(state.alpha, state.rho)).all():
@@ -112,7 +115,7 @@ class _Method:
         return _State(alpha, rho, slack, max(size, np.finfo(float).tiny) / slack)
 
     def advance(self, state: _State, gradient: Array) -> _State:
-        """One predictor-corrector step."""
+        """One predictor-corrector step; the corrector counts the part of the predictor that is possible, or it may cycle."""
         mean = (state.slack * state.dual).mean()
         factor = self._factorise(state)
         residual = gradient - self._transposed(state.dual)
@@ -132,7 +135,7 @@ class _Method:
         length = longest(d_slack, d_dual)
         reached = ((state.slack + length * d_slack) * (state.dual + length * d_dual)).mean()
         target = mean * (reached / mean) ** 3
-        step, d_slack, d_dual = direction(affine + target - d_slack * d_dual)
+        step, d_slack, d_dual = direction(affine + target - length**2 * d_slack * d_dual)
         length = longest(d_slack, d_dual)
         d_alpha, d_rho = split(step, self.problem.n_frames)
         alpha, rho = state.alpha + length * d_alpha, state.rho + length * d_rho
@@ -143,13 +146,14 @@ class _Method:
 
     def _factorise(self, state: _State) -> Array:
         weights = state.dual / state.slack
-        np.copyto(self.work, self.hessian)
-        _add_barrier(self.work, weights)
-        self.work[:, 0] += REGULARISATION * self.largest
-        factor, info = dpbtrf(self.work.T, lower=1, overwrite_ab=1)
-        if info:
-            raise np.linalg.LinAlgError
-        return np.asarray(factor)
+        for more in STEADIER:
+            np.copyto(self.work, self.hessian)
+            _add_barrier(self.work, weights)
+            self.work[:, 0] += more * self.work[:, 0] + max(REGULARISATION, more) * self.largest
+            factor, info = dpbtrf(self.work.T, lower=1, overwrite_ab=1)
+            if not info:
+                return np.asarray(factor)
+        raise np.linalg.LinAlgError
 
 
 def _both(alpha: Array, rho: Array) -> Array:

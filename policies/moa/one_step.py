@@ -17,8 +17,8 @@ from policies.moa.tracking import Group, TrackingProblem
 
 Array = NDArray[np.float64]
 
-FLOOR = 1e-3
-"""Least standard deviation in any direction, relative to that of all one-step errors."""
+FLOOR, ROUNDING = 1e-3, 1e-6
+"""Least standard deviation in any direction, relative to that of all one-step errors, and to what the goals cause."""
 MAX_ROUNDS = 30
 
 
@@ -55,7 +55,7 @@ def fit_one_step(setting: Setting, solve: Callable[[TrackingProblem], Solution],
             [((matrix @ mixed)[..., 0] - goals)[2:] for matrix, goals in zip(matrices, wanted, strict=True)]
         )
         if not history:
-            floor = (FLOOR**2) * float((errors**2).mean())
+            floor = max(FLOOR**2 * float((errors**2).mean()), (ROUNDING * response.c3 * setting.spread) ** 2)
         covariances = _covariances(errors, owner, weights.n_support, floor)
         history.append(_log_likelihood(errors, covariances[owner]))
         converged = len(history) > 1 and history[-1] - history[-2] <= tolerance * abs(history[-2])

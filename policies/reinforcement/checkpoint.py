@@ -46,13 +46,13 @@ def held(folder: Path) -> Iterator[None]:
 
 
 class TrainingFolder:
-    """The folder of one training. Raises InvalidArgumentError if it holds another one."""
+    """The folder of one training. Raises InvalidArgumentError if it holds checkpoints of another one."""
 
     def __init__(self, path: Path, job: Mapping[str, Any]) -> None:
         self.path, self.log = path, path / "log.jsonl"
         described = json.dumps({"schema": SCHEMA, **job}, indent=2, sort_keys=True) + "\n"
         file = path / "job.json"
-        if file.exists() and file.read_text() != described:
+        if self.latest() and file.exists() and file.read_text() != described:
             raise InvalidArgumentError(
                 f"'{path}' holds checkpoints of another training; remove it, or choose another --out"
             )

@@ -1,5 +1,6 @@
 """Demonstrations as what an agent would have seen and decided."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -38,9 +39,18 @@ def view_of(demonstration: Demonstration) -> View:
 
 
 def check_observed(demonstrations: Sequence[Demonstration], view: View) -> None:
-    """Raise DemonstrationError where an observation that tells what was seen and decided is missing or not finite."""
+    """Raise DemonstrationError where an observation that tells what was seen and decided is missing or not finite.
+
+    Warns of demonstrations by hand, which need not keep within the speed limit of decisions.
+    """
     for i, demonstration in enumerate(demonstrations):
         check_measured(f"demonstration {i}", demonstration, (*view.observations, "reference_quaternion"))
+    if guided := [str(i) for i, demonstration in enumerate(demonstrations) if demonstration.actions_derived]:
+        warnings.warn(
+            f"a hand guided the arm in demonstration {', '.join(guided)}: where it was faster than a decision may be, the "
+            "decisions that are imitated fall short of what was shown",
+            stacklevel=3,
+        )
 
 
 def flat_observations(demonstration: Demonstration, view: View) -> NDArray[np.float32]:

@@ -19,7 +19,7 @@ from typing import Any
 from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.evaluation import check_fits
 from lfd_gym.registry import environment_id, look_up, make
-from lfd_gym.seeds import SEEDS_PER_RUN
+from lfd_gym.seeds import SEEDS_PER_RUN, check_run
 from policies.reinforcement import FINETUNERS
 from policies.reinforcement.practice import Practice, practise, scores
 from policies.reinforcement.settings import checked_kwargs
@@ -45,7 +45,7 @@ def finetune(
     """The skill after about so many episodes of practice; one that was killed goes on from what `folder` keeps.
 
     Raises UnknownNameError for an unknown method, and InvalidArgumentError for a skill of another environment or control step,
-    one that the method cannot practise, arguments that the method decides, and fewer than 16 episodes.
+    one that the method cannot practise, arguments that the method decides, fewer than 16 episodes, and a seed out of range.
     """
     method = look_up(FINETUNERS, "method", name)
     env_id, kwargs = environment_id(env_id), checked_kwargs(env_kwargs or {})
@@ -53,6 +53,7 @@ def finetune(
         check_fits(skill, env)
     if episodes < FEWEST:
         raise InvalidArgumentError(f"{episodes} episodes; at least {FEWEST} are needed")
+    check_run(seed)
     checked = min(MOST_CHECKED, episodes // EPISODES_PER_CHECK)
     practice = Practice(skill, env_id, kwargs, episodes - 2 * checked, folder, seed, jobs, progress)
     after, facts = method(practice)

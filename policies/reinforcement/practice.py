@@ -38,14 +38,19 @@ class Practice:
     @property
     def identity(self) -> dict[str, str]:
         """Which skill practises, for what is kept of it."""
-        values, arrays = self.skill.to_arrays()
-        contents = values, {name: np.array(array, order="C") for name, array in arrays.items()}
-        return {"skill": self.skill.kind, "contents": joblib.hash(contents)}
+        return identity(self.skill)
 
     @property
     def first_seed(self) -> int:
         """Reset seed of its first episode."""
         return PRACTICE_SEED + SEEDS_PER_RUN * self.seed
+
+
+def identity(skill: Skill) -> dict[str, str]:
+    """Kind and hash of a skill; what its metadata say does not count."""
+    values, arrays = skill.to_arrays()
+    contents = values, {name: np.array(array, order="C") for name, array in arrays.items()}
+    return {"skill": skill.kind, "contents": joblib.hash(contents)}
 
 
 Practised = tuple[Skill, dict[str, Any]]

@@ -84,7 +84,7 @@ GRAPH_PPO = TrainingSettings(
     "maskable-ppo", discount=0.998, n_envs=4, rollout=1024,
     hyperparameters={"learning_rate": 1e-3, "batch_size": 128, "n_epochs": 10, "target_kl": 0.03, "ent_coef": 0.01},
 )  # fmt: skip
-"""Of a sequence graph's decisions, at least 0.2 s each; not a method of its own, see `policies.reinforcement.finetuning`."""
+"""Of a sequence graph's decisions, up to 0.2 s each; not a method of its own, see `policies.reinforcement.finetuning`."""
 RESIDUAL_SAC = TrainingSettings(
     "sac", resting=1.0, critic_first=4000, n_steps=5, reward_scale=10.0,
     hyperparameters={**SAC, "learning_rate": 3e-4, "learning_starts": 100, "ent_coef": "auto_0.001"},

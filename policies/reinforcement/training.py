@@ -23,7 +23,7 @@ from lfd_gym.errors import DemonstrationError, InvalidArgumentError
 from lfd_gym.evaluation import evaluate
 from lfd_gym.progress import track
 from lfd_gym.registry import environment_id, make
-from lfd_gym.seeds import DEVELOPMENT_SEED, MOST_RUNS, SEEDS_PER_RUN, TRAINING_SEED
+from lfd_gym.seeds import DEVELOPMENT_SEED, SEEDS_PER_RUN, TRAINING_SEED, check_run
 from lfd_gym.view import View
 from lfd_gym.wrappers import RLView, SeededEpisodes
 from policies.reinforcement.agent_skill import AgentSkill
@@ -155,16 +155,16 @@ def timed(env_id: str, reward_type: str, env_kwargs: Mapping[str, Any], ends: bo
 def run(task: Task, schedule: Schedule, folder: Path, identity: Mapping[str, Any]) -> Skill:
     """Train until the schedule's end, from the last checkpoint in the folder; `identity` says whose folder it is.
 
-    Raises InvalidArgumentError where the folder is of another training or held by one, or its last checkpoint is damaged.
+    Raises InvalidArgumentError for a seed that is none of an agent's, and where the folder is of another training or held by
+    one, or its last checkpoint is damaged.
     """
+    check_run(task.seed)
     with held(folder):
         return _run(task, schedule, TrainingFolder(folder, _job(task, schedule, identity)))
 
 
 def _run(task: Task, schedule: Schedule, kept: TrainingFolder) -> Skill:
     settings = task.settings
-    if not 0 <= task.seed < MOST_RUNS:
-        raise InvalidArgumentError(f"seed {task.seed}; possible: 0 to {MOST_RUNS - 1}")
     state = kept.state() or {
         "decisions": 0, "seconds": 0.0, "simulated_seconds": 0.0, "episodes": [0] * settings.n_envs, "updates": 0,
     }  # fmt: skip
