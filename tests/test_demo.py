@@ -22,6 +22,7 @@ def test_the_demo_writes_a_report_without_opengl(monkeypatch, capsys, tmp_path) 
     assert page.count("data:image/png;base64,") == 4
     assert "libosmesa6" in page
     report = json.loads((tmp_path / "report" / "report.json").read_text())
+    assert f"<b>{sum(episode['success'] for episode in report['episodes'])} of 2</b> unseen setups solved" in page
     taught = {
         demonstration.seed["reset"] for demonstration in load_demonstrations(tmp_path / "report/demonstrations.h5")
     }
