@@ -200,7 +200,7 @@ def check_measured(name: str, demonstration: Demonstration, needs: Sequence[str]
             continue
         if not np.isfinite(values).all():
             raise DemonstrationError(f"the observation '{key}' of {name} is not finite; repeat the demonstration")
-        if key == "tool_quaternion" or key.startswith("frame_"):
+        if (key == "tool_quaternion" or key.startswith("frame_")) and values.shape[1] >= 4:
             check_quaternions(f"'{key}' of {name}", values[:, -4:])
 
 

@@ -355,13 +355,13 @@ def test_skills_that_cannot_practise_are_refused(skill: SequenceGraphSkill, tmp_
 def test_practice_neither_forgets_a_refined_graph_nor_goes_on_with_another_skill(
     small: Any, skill: SequenceGraphSkill, tmp_path: Path
 ) -> None:
-    refined, _ = small.refine_graph(Practice(skill, ENV_ID, {}, 0, tmp_path / "t"))
+    refined, _ = small.refine_graph(Practice(skill, ENV_ID, {}, 1, tmp_path / "t"))
     with pytest.raises(InvalidArgumentError, match="not 'refined-graph'"):
         small.refine_graph(Practice(refined, ENV_ID, {}, 0, tmp_path / "u"))
     parameters = skill_parameters.parameters_of(skill)
     other = parameters.applied(np.ones(parameters.size))
     with pytest.raises(InvalidArgumentError, match="another training"):
-        small.refine_graph(Practice(other, ENV_ID, {}, 0, tmp_path / "t"))
+        small.refine_graph(Practice(other, ENV_ID, {}, 1, tmp_path / "t"))
 
 
 @pytest.mark.parametrize("method", ["cma", "graph-ppo", "residual-sac"])
