@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from kinematic_world import CLOSE, solve, teach
+from kinematic_world import CLOSE, TWIST, solve, teach
 
 from lfd_gym.demonstration import Demonstration
 from policies.late_labels import LATE, on_time
@@ -30,6 +30,19 @@ def corrected(demonstration: Demonstration) -> np.ndarray:
 def test_a_skill_of_late_labels_solves_the_task(steps: tuple[int, ...]) -> None:
     skill = SequenceGraphLearner().fit([late(teach(seed), *steps) for seed in range(3)]).skill_
     assert all(solve(skill, seed)[0] for seed in range(100, 104))
+
+
+def test_a_grip_that_is_let_go_with_the_last_sample_was_held() -> None:
+    shown = [teach(seed) for seed in range(3)]
+    loosened = []
+    for demonstration in shown:
+        torque = demonstration.observations["hand_torque"].copy()
+        torque[[part.stop for part in segments(demonstration.labels)]] = 0.0
+        seen = {**demonstration.observations, "hand_torque": torque}
+        loosened.append(dataclasses.replace(demonstration, observations=seen))
+    held, let_go = (SequenceGraphLearner().fit(own).skill_.primitives.grip for own in (shown, loosened))
+    assert (held[TWIST] > 0.0).any()
+    assert np.array_equal(let_go, held)
 
 
 def test_labels_in_time_stay() -> None:
