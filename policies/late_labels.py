@@ -6,20 +6,10 @@ only its successor does. So a label that changes in motion counts from where the
 
 import dataclasses
 
-import numpy as np
-
 from lfd_gym.demonstration import Demonstration
-from policies.passages import MOVING, TOLERANCE
+from policies.passages import MOVING, away
 from policies.sequence_graph import segments
-from policies.task_data import (
-    CONTROLLED,
-    ENTITIES,
-    Measurement,
-    PrimitiveTable,
-    deviations,
-    relative_quaternion,
-    trajectory,
-)
+from policies.task_data import Measurement, PrimitiveTable, deviations, relative_quaternion, trajectory
 
 LATE = 0.3
 """[s]: so much later than a movement a label may change."""
@@ -34,19 +24,24 @@ def on_time(demonstration: Demonstration, measured: Measurement, table: Primitiv
     n, late = max(round(MOVING / demonstration.dt), 1), round(LATE / demonstration.dt)
     labels = demonstration.labels.copy()
     for part in segments(demonstration.labels)[:-1]:
-        k, at = part.label, slice(part.start, part.stop + 1)
-        mean = relative_quaternion(measured, int(table.orientation_frame[k]), part.stop)
-        x = trajectory(Measurement(*(a[at] for a in measured)), table, k, mean)
-
-        def rests(end: int, steps: int, x: np.ndarray = x, k: int = k) -> bool:
-            away = deviations(x[max(end - steps, 0) : end + 1], x[end], int(table.space[k])) * (
-                table.modes[k] == CONTROLLED
-            )
-            return all((np.linalg.norm(away[:, own], axis=1) <= TOLERANCE[e]).all() for e, own in ENTITIES.items())
-
-        last = len(x) - 1
-        if not rests(last, n):
-            end = next((t for t in range(last - 1, max(last - late, 2 * n) - 1, -1) if rests(t, 2 * n)), None)
-            if end is not None:
-                labels[part.start + end - n : part.stop] = demonstration.labels[part.stop]
+        end = _rest(measured, table, part.label, range(part.start, part.stop + 1), n, late)
+        if end is not None:
+            labels[end - n : part.stop] = demonstration.labels[part.stop]
     return dataclasses.replace(demonstration, labels=labels)
+
+
+def _rest(measured: Measurement, table: PrimitiveTable, k: int, steps: range, n: int, late: int) -> int | None:
+    """The last of the steps of a segment of primitive k at which it had rested for 2 n, of those that are `late` at most; None
+    where it rests for n at its end, or never."""
+    mean = relative_quaternion(measured, int(table.orientation_frame[k]), steps[-1])
+    x = trajectory(Measurement(*(a[steps.start : steps.stop] for a in measured)), table, k, mean)
+
+    def rests(t: int, long: int) -> bool:
+        there = deviations(x[max(t - long, 0) : t + 1], x[t], int(table.space[k]))
+        return not away(there, table.modes[k]).any()
+
+    last = len(x) - 1
+    if rests(last, n):
+        return None
+    found = (t for t in range(last - 1, max(last - late, 2 * n) - 1, -1) if rests(t, 2 * n))
+    return next((steps[t] for t in found), None)

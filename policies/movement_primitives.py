@@ -128,10 +128,8 @@ def learn_primitives(
             _check_shared(names, begun, _apart(table, goal, k, int(i)))
             goal[k, i] = _goal(list(begun.values()), time, dead_band, dt)
         if "hand_torque" in demonstrations[0].observations:
-            held = [
-                demonstrations[m].observations["hand_torque"][at][-max(round(HELD_TIME / dt), 1) :]
-                for (m, at), _ in whole
-            ]
+            last = max(round(HELD_TIME / dt), 1)
+            held = (demonstrations[m].observations["hand_torque"][at][-last:] for (m, at), _ in whole)
             torque = np.array([np.median(rows, axis=0) for rows in held])
             grip[k] = _grip(torque) * (table.modes[k, HAND] == CONTROLLED)
         for i in np.flatnonzero(table.modes[k, POSITION] == FORCE):

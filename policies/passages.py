@@ -127,8 +127,7 @@ class PassageData:
 
     def distance(self, k: int, entity: str, deviations: Array) -> Array:
         """Norm over the controlled axes of one entity of deviations (..., N_COORDINATES)."""
-        part = ENTITIES[entity]
-        return np.linalg.norm(deviations[..., part] * (self.primitives.table.modes[k, part] == CONTROLLED), axis=-1)
+        return _distance(deviations, self.primitives.table.modes[k], entity)
 
     def arrived(self, node: int, exit_: int) -> set[str]:
         """Entities at whose goal most passages from a node to an exit ended: the exit waits for them."""
@@ -176,9 +175,7 @@ class PassageData:
 
     def _outside(self, p: Passage) -> NDArray[np.bool_]:
         """Per sample whether an entity that is moved to a goal is farther from its end than `TOLERANCE`."""
-        k, to_end = self.graph.labels[p.node], self._to_end(p)
-        distances = [self.distance(k, entity, to_end) > TOLERANCE[entity] for entity in self.controlled(k)]
-        return np.any([np.zeros(len(to_end), dtype=bool), *distances], axis=0)
+        return away(self._to_end(p), self.primitives.table.modes[self.graph.labels[p.node]])
 
     def deviations(self, p: Passage, k: int) -> Array:
         """x - g (N, N_COORDINATES) of primitive k along a passage; to its own goal where that is known (rule 2)."""
@@ -205,6 +202,16 @@ class PassageData:
             return SCATTER
         ends = {e: WIDER * float(np.median([self._missed(p, e) for p in own])) for e in ("position", "orientation")}
         return {e: max(most, ends.get(e, 0.0)) for e, most in SCATTER.items()}
+
+
+def away(deviations: Array, modes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Per row (N, N_COORDINATES) whether an entity is farther than `TOLERANCE` along axes that are controlled."""
+    return np.any([_distance(deviations, modes, entity) > TOLERANCE[entity] for entity in ENTITIES], axis=0)
+
+
+def _distance(deviations: Array, modes: NDArray[np.int64], entity: str) -> Array:
+    part = ENTITIES[entity]
+    return np.linalg.norm(deviations[..., part] * (modes[part] == CONTROLLED), axis=-1)
 
 
 def _settled(outside: NDArray[np.bool_]) -> int:

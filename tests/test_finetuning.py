@@ -19,7 +19,7 @@ from policies.moa.frames import Frames
 from policies.path_generators import AttractorPath
 from policies.reinforcement import FINETUNERS, finetuning, refined_graph, settings, skill_parameters
 from policies.reinforcement.growth import Growth
-from policies.reinforcement.practice import Episode, Practice, practise, scores
+from policies.reinforcement.practice import Episode, Practice, identity, practise, scores
 from policies.reinforcement.residual import PRESS, SHIFT, adjusted
 from policies.sequence_graph_learner import SequenceGraphLearner
 from policies.sequence_graph_skill import SequenceGraphSkill
@@ -73,7 +73,7 @@ def test_before_the_first_update_nothing_has_changed(
 def test_a_skill_from_its_file_is_the_one_that_practised(skill: SequenceGraphSkill, tmp_path: Path) -> None:
     skill.save(tmp_path / "skill.npz")
     loaded = load_skill(tmp_path / "skill.npz")
-    assert Practice(loaded, ENV_ID, {}, 16, tmp_path).identity == Practice(skill, ENV_ID, {}, 16, tmp_path).identity
+    assert identity(loaded) == identity(skill)
 
 
 def test_practice_of_decisions_keeps_a_checkpoint_on_the_way(

@@ -110,7 +110,7 @@ def test_every_task_can_be_shown_by_hand(env_id: str) -> None:
     demonstration = shown(env_id, 1.0)
     assert demonstration.success
     assert demonstration.actions_derived
-    assert len(set(demonstration.labels)) > 1
+    assert len(set(demonstration.labels)) >= min(4, len(demonstration.primitives))
 
 
 def test_agents_are_warned_of_what_no_decision_can_do() -> None:

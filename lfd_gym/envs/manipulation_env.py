@@ -136,6 +136,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         if fingertip_friction is not None:
             self._set_tips(fingertip_friction, TIPS_FIRST)
         self._tip_contact = self.model.geom_friction[self._tips, 0], self.model.geom_priority[self._tips]
+        self._slippery = np.minimum(self._tip_contact[0], SLIPPERY), TIPS_FIRST
         self._pushed = None if self.pushable is None else self.data.body(self.pushable).id
         self.robot = Robot(self.model, self.data, self.tool, self.layout, self.frames, self.stiffness)
         self._randomised: list[Array] = []
@@ -420,9 +421,7 @@ class ManipulationEnv(gymnasium.Env[dict[str, Array], NDArray[np.float32]], EzPi
         """Push the arm and an object, make the fingertips slippery, as scheduled for a control step that begins then [s]."""
         schedule = self._schedule
         self._push(*schedule.pushes(time))
-        friction, priority = self._tip_contact
-        slippery = np.minimum(friction, SLIPPERY), TIPS_FIRST
-        self._set_tips(*(slippery if schedule.slips(time) else (friction, priority)))
+        self._set_tips(*(self._slippery if schedule.slips(time) else self._tip_contact))
 
     def _push(self, arm: ArrayLike, thing: ArrayLike) -> None:
         """Forces (3,) on the arm and on the object that may be pushed, world frame [N]."""

@@ -18,6 +18,7 @@ from lfd_gym.recording import record
 from lfd_gym.registry import kebab_case, load, look_up
 from policies import LEARNERS, load_skill
 from policies.reinforcement import FINETUNERS
+from policies.reinforcement.practice import identity
 
 GRAPH = ("cma", "es-gradient", "graph-ppo", "residual-sac")
 """Methods for a sequence graph; the first two search the same parameters."""
@@ -122,7 +123,7 @@ def _before(rows: Rows, case: Case, setups: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         load(LEARNERS[case.learner])(**VARIANTS[case.variant]).fit(shown).skill_.save(path)
     skill = load_skill(path)
-    contents = load("policies.reinforcement.practice:identity")(skill)["contents"]
+    contents = identity(skill)["contents"]
     row = rows.kept(case.name, lambda: {"skill": contents, "report": rows.report(case.env_id, skill, setups)})
     if row.get("skill") != contents:
         raise InvalidArgumentError(

@@ -70,8 +70,8 @@ def _table(results: Sequence[Mapping[str, Any]]) -> str:
         cells = [name]
         for kind in ("in-sample", "leave-one-out"):
             own, best = (np.array([result[kind][model] for result in results]) for model in (name, "MoA"))
-            compared = [] if name == "MoA" else [_difference(own - best), f"{np.median(own / best):.2f}"]
-            cells += [f"{own.mean():.2f}", *(compared or ["", ""])]
+            compared = ["", ""] if name == "MoA" else [_difference(own - best), f"{np.median(own / best):.2f}"]
+            cells += [f"{own.mean():.2f}", *compared]
         table.append(cells)
     least = np.mean([result["least"] for result in results])
     moa = np.mean([result["in-sample"]["MoA"] for result in results])

@@ -8,7 +8,7 @@ from lfd_gym.errors import InvalidArgumentError
 from lfd_gym.view import DECISION_TIME, View
 from policies.reinforcement.agents import actor_network, load_agent, make_agent
 from policies.reinforcement.graph_agent import load_graph_agent, make_graph_agent, residual_network
-from policies.reinforcement.practice import Practice, Practised
+from policies.reinforcement.practice import Practice, Practised, identity
 from policies.reinforcement.refined_graph import GraphDecisions, RefinedGraphSkill
 from policies.reinforcement.residual import ResidualSkill, ResidualView
 from policies.reinforcement.settings import GRAPH_PPO, RESIDUAL_SAC, TrainingSettings
@@ -87,7 +87,7 @@ def _trained(
         progress=practice.progress,
     )
     task = Task(how, env, export, lambda agent: None, practice.env_id, practice.env_kwargs, practice.seed, make, load_)
-    after = run(task, schedule, practice.folder, practice.identity)
+    after = run(task, schedule, practice.folder, identity(practice.skill))
     facts = dict(after.metadata["training"])
     return after, {
         "episodes": facts["training_episodes"],

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfd_gym.progress import track
 from policies.reinforcement import search
-from policies.reinforcement.practice import Practice, Practised, practise, scores
+from policies.reinforcement.practice import Practice, Practised, identity, practise, scores
 from policies.reinforcement.search_log import SearchLog
 from policies.reinforcement.skill_parameters import parameters_of
 
@@ -39,7 +39,7 @@ def _search(practice: Practice, method: Callable[..., search.Found]) -> Practise
     first = practice.first_seed
     bar = track(range(generations), generations, "generations", practice.progress)
     job = {
-        **practice.identity, "method": method.__name__, "env_id": practice.env_id, "env_kwargs": practice.env_kwargs,
+        **identity(practice.skill), "method": method.__name__, "env_id": practice.env_id, "env_kwargs": practice.env_kwargs,
         "seed": practice.seed, "setups": SETUPS,
     }  # fmt: skip
     log = SearchLog(practice.folder / "search.json", job)

@@ -36,18 +36,13 @@ class Practice:
     """A bar on a terminal."""
 
     @property
-    def identity(self) -> dict[str, str]:
-        """Which skill practises, for what is kept of it."""
-        return identity(self.skill)
-
-    @property
     def first_seed(self) -> int:
         """Reset seed of its first episode."""
         return PRACTICE_SEED + SEEDS_PER_RUN * self.seed
 
 
 def identity(skill: Skill) -> dict[str, str]:
-    """Kind and hash of a skill; what its metadata say does not count."""
+    """Kind and hash of a skill, for what is kept of its practice; what its metadata say does not count."""
     values, arrays = skill.to_arrays()
     contents = values, {name: np.array(array, order="C") for name, array in arrays.items()}
     return {"skill": skill.kind, "contents": joblib.hash(contents)}
